@@ -169,9 +169,9 @@ fn a_bone_pushes_points_that_slide_and_turns_about_its_pivot() {
     // At the rim of the block, outside the sliding points, free points penetrate it: the summary reports the depth and a warning.
     let penetration = summary["max_penetration_mm"].as_f64().unwrap();
     assert!((0.05..=1.5).contains(&penetration), "{summary}");
-    let told =
+    let reported =
         summary["warnings"].as_array().unwrap().iter().any(|w| w.as_str().unwrap().contains("free tissue lies inside"));
-    assert!(told && summary["reactions_n"]["1"][2].as_f64().unwrap() > 0.0, "{summary}");
+    assert!(reported && summary["reactions_n"]["1"][2].as_f64().unwrap() > 0.0, "{summary}");
     let moved = &file.point_array("displacement_mm").unwrap().values;
     let at = |x: f64| 3 * file.points.iter().position(|p| *p == Point::new(x, 0.0, 0.0)).unwrap() + 2;
     // The bottom lies on the block, which is wider than the sliding points, at its height less the penetration. The rotation is
@@ -262,8 +262,8 @@ fn another_unit_is_told_and_no_input_is_overwritten() {
         "mesh": "slab.vtu", "model": "linear", "materials": { "skin": law, "fat": law, "muscle": law },
         "segments": {"1": {"translation_mm": [0, 0, 0.1]}}, "steps": 1
     });
-    let told = summary(&solve(folder.path(), &scene));
-    assert!(told["warnings"].to_string().contains("has a shear modulus of 1.000e4 MPa"), "{told}");
+    let reported = summary(&solve(folder.path(), &scene));
+    assert!(reported["warnings"].to_string().contains("has a shear modulus of 1.000e4 MPa"), "{reported}");
 
     std::fs::write(folder.path().join("out.vtu"), &mesh).unwrap();
     scene["mesh"] = json!("./out.vtu");

@@ -51,13 +51,13 @@ enum MaskFile {
 }
 
 pub(super) fn run(a: &CompareArguments) -> CommandResult {
-    let mut told = std::io::stderr();
+    let mut stderr = std::io::stderr();
     let read = [Some(&a.prediction), Some(&a.reference), a.mask.as_ref(), a.unaltered.as_ref(), a.exclude.as_ref()];
     let read: Vec<PathBuf> = read.into_iter().flatten().cloned().collect();
     for name in ["error.json", "error.png", "error.ply", "error.vtp"] {
         refuse_overwriting(&a.out.join(name), &read)?;
     }
-    let (prediction, reference) = (load(&a.prediction, &mut told)?, load(&a.reference, &mut told)?);
+    let (prediction, reference) = (load(&a.prediction, &mut stderr)?, load(&a.reference, &mut stderr)?);
     let mask = a.mask.as_deref().map(mask_of).transpose()?.unwrap_or_default();
     let region = a.unaltered.as_deref().map(mask_of).transpose()?.unwrap_or_default();
     let exclude = a.exclude.as_deref().map(mask_of).transpose()?.unwrap_or_default();
@@ -87,7 +87,7 @@ pub(super) fn run(a: &CompareArguments) -> CommandResult {
         writeln!(std::io::stdout(), "{name:26} {value}")?;
     }
     for warning in &done.document.findings.warnings {
-        writeln!(told, "warning: {warning}")?;
+        writeln!(stderr, "warning: {warning}")?;
     }
     Ok(())
 }
@@ -109,13 +109,13 @@ fn write(folder: &Path, done: &Compared) -> CommandResult {
     Ok(())
 }
 
-fn load(path: &Path, told: &mut dyn Write) -> Result<TriMesh, Box<dyn std::error::Error>> {
+fn load(path: &Path, stderr: &mut dyn Write) -> Result<TriMesh, Box<dyn std::error::Error>> {
     let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
     let format = detect_surface(&bytes).ok_or_else(|| format!("{}: unknown surface format", path.display()))?;
     let read = surface(&bytes, format, &Limits::default());
     let (mesh, warnings) = read.map_err(|e| format!("{}: {}", path.display(), chain(&e)))?;
     for warning in warnings {
-        writeln!(told, "{}: {warning}", path.display())?;
+        writeln!(stderr, "{}: {warning}", path.display())?;
     }
     Ok(mesh)
 }

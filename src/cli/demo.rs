@@ -4,7 +4,7 @@ use super::CommandResult;
 use crate::demo::{self, DemoArgs};
 use prosopon_service::config::ServeConfig;
 use prosopon_service::{serve, telemetry};
-use prosopon_store::{Places, Store};
+use prosopon_store::{Store, StoreLocation};
 
 /// Starts a service on an empty store, runs the main job on it, and stops it unless `--keep` is given.
 pub(super) fn run(arguments: &DemoArgs) -> CommandResult {
@@ -12,7 +12,7 @@ pub(super) fn run(arguments: &DemoArgs) -> CommandResult {
     demo::clear(&arguments.out)?;
     let data = arguments.out.join("service");
     Store::erase(&data)
-        .map_err(|source| serve::ServeError::Store { place: Places::default().with_directory(&data), source })?;
+        .map_err(|source| serve::ServeError::Store { place: StoreLocation::default().with_directory(&data), source })?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let running = runtime.block_on(serve::start(ServeConfig::new(data)))?;
     let url = running.url();

@@ -154,18 +154,18 @@ fn address(text: &str) -> Result<DatabaseUrl, String> {
 }
 
 pub(super) fn backup(arguments: &BackupArguments) -> CommandResult {
-    told(runtime()?.block_on(back_up(&arguments.data, &arguments.out))?)
+    report_backup(runtime()?.block_on(back_up(&arguments.data, &arguments.out))?)
 }
 
 pub(super) fn restore_from(arguments: &RestoreArguments) -> CommandResult {
-    told(runtime()?.block_on(restore(&arguments.from, &arguments.data))?)
+    report_backup(runtime()?.block_on(restore(&arguments.from, &arguments.data))?)
 }
 
 fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_current_thread().enable_all().build()
 }
 
-fn told(report: BackupReport) -> CommandResult {
+fn report_backup(report: BackupReport) -> CommandResult {
     writeln!(std::io::stdout(), "{} files, {} bytes", report.files, report.bytes)?;
     whole(&report.damaged, &[])
 }

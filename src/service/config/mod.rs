@@ -19,7 +19,7 @@ use crate::http::HttpLimits;
 use crate::http::auth::AuthSettings;
 use prosopon_contract::chain;
 use prosopon_jobs::ServiceSettings;
-use prosopon_store::{BucketUrl, Places};
+use prosopon_store::{BucketUrl, StoreLocation};
 
 /// PEM files of the TLS certificate chain and private key.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -68,7 +68,7 @@ pub struct ServeConfig {
     /// Data directory with sessions, results and the audit log.
     pub data: PathBuf,
     /// Database and bucket for sessions and results, instead of the data directory.
-    pub places: Places,
+    pub places: StoreLocation,
     /// Whether this process serves the API.
     ///
     /// If not, it computes jobs for API processes on the same database.
@@ -110,7 +110,7 @@ impl ServeConfig {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 0)),
             data,
-            places: Places::default(),
+            places: StoreLocation::default(),
             api: true,
             threads: 0,
             cache_bytes: 1536 << 20,
@@ -217,7 +217,7 @@ impl ServeConfig {
 
     /// What this process does, and what it shares with others.
     fn check_roles(&self, faults: &mut Faults) {
-        let (api, works, database) = (self.api, self.service.works, self.places.database.is_some());
+        let (api, works, database) = (self.api, self.service.computes_jobs, self.places.database.is_some());
         faults.add_if(
             !works && !database,
             "worker: no other process can run the jobs of a data directory; name a database, or leave worker true",
@@ -383,8 +383,8 @@ mod tests {
             ("auth.keys[1]", "hash is missing"),
             ("data", "missing"),
         ] {
-            let told = |f: &String| f.starts_with(&format!("{path}:")) && f.contains(words);
-            assert!(error.faults.iter().any(told), "{path} {words}: {error}");
+            let reported = |f: &String| f.starts_with(&format!("{path}:")) && f.contains(words);
+            assert!(error.faults.iter().any(reported), "{path} {words}: {error}");
         }
         // All faults of one key are reported.
         for words in ["argon2id", "no scope"] {
@@ -397,8 +397,8 @@ mod tests {
             "[[auth.keys]]\nid = \"a\"\nscopes = \"sesame\"\n",
         ] {
             std::fs::write(&file, format!("data = \"d\"\n{secret}")).unwrap();
-            let told = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err().to_string();
-            assert!(!told.contains("sesame") && !told.is_empty(), "{told}");
+            let reported = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err().to_string();
+            assert!(!reported.contains("sesame") && !reported.is_empty(), "{reported}");
         }
         std::fs::write(&file, "listen = \n").unwrap();
         for file in [file, directory.path().join("none.toml")] {

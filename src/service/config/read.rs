@@ -12,7 +12,7 @@ use super::{ConfigError, ConnectionLimits, ServeConfig, TlsFiles, Value, parse_l
 use crate::http::HttpLimits;
 use crate::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes};
 use prosopon_jobs::ServiceSettings;
-use prosopon_store::{Places, TenantId};
+use prosopon_store::{StoreLocation, TenantId};
 
 const MB: u64 = 1 << 20;
 const DAY_S: u64 = 86_400;
@@ -67,7 +67,7 @@ pub(super) fn read(
     if data.is_none() && !s.faults.iter().any(|f| f.starts_with("data:")) {
         s.faults.push("data: missing; name the directory for sessions and results (--data DIR)".to_owned());
     }
-    config.places = Places { database: address(s, "database"), blobs: address(s, "blobs") };
+    config.places = StoreLocation { database: address(s, "database"), blobs: address(s, "blobs") };
     config.threads = s.take("threads", config.threads);
     config.cache_bytes = megabytes(s.take("cache_mb", config.cache_bytes / MB));
     config.allowed_hosts = s.take("allow_host", Names::List(Vec::new())).list();
@@ -138,8 +138,8 @@ fn service(s: &mut Source, has_tenants: bool) -> ServiceSettings {
         max_waiting,
         max_waiting_tenant: s.take("max_waiting_tenant", of_tenant),
         parallel_jobs: s.take("parallel_jobs", d.parallel_jobs),
-        works: s.take("worker", d.works),
-        keeps_house: d.keeps_house,
+        computes_jobs: s.take("worker", d.computes_jobs),
+        runs_maintenance: d.runs_maintenance,
         lease: Duration::from_secs(s.take("lease_s", d.lease.as_secs())),
         max_attempts: s.take("max_attempts", d.max_attempts),
         memory_mb: s.take_optional("memory_mb").or(d.memory_mb),

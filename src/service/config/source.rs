@@ -94,11 +94,11 @@ impl Source {
     /// The faults of a file that cannot be read; `None` if it can.
     pub(super) fn unreadable(&self) -> Option<Vec<String>> {
         let faults = self.figment.extract::<Dict>().err()?;
-        let told = |error: figment::Error| {
+        let reported = |error: figment::Error| {
             let from = error.metadata.as_ref().map(origin).unwrap_or_default();
             format!("{}{from}", without_source(&error.kind.to_string()))
         };
-        Some(faults.into_iter().map(told).collect())
+        Some(faults.into_iter().map(reported).collect())
     }
 
     /// Adds a fault for every given value that is not a setting.

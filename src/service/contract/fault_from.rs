@@ -50,11 +50,11 @@ impl From<StoreError> for Fault {
                 let detail = format!("the stored value {key} is damaged: its file was changed or cut off");
                 Self::new(FaultKind::DamagedValue, detail).with("value", key)
             }
-            StoreError::Unreachable(_) | StoreError::BucketAway(_) => {
+            StoreError::Unreachable(_) | StoreError::BucketUnreachable(_) => {
                 tracing::error!(error = chain(&error), "the store cannot be reached");
                 Self::new(FaultKind::StoreUnavailable, format!("{error} now; try again later"))
             }
-            StoreError::BucketRefused(_) => {
+            StoreError::BucketDenied(_) => {
                 tracing::error!(error = chain(&error), "the bucket refuses a request");
                 Self::new(
                     FaultKind::StoreRefuses,

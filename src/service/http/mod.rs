@@ -51,12 +51,12 @@ fn with_bounds(routes: Router, state: AppState) -> Router {
         .method_not_allowed_fallback(wrong_method)
         .layer(middleware::compression())
         .layer(from_fn(middleware::mark_compressed))
-        .layer(from_fn_with_state(state.limits.answer, middleware::safety_net))
+        .layer(from_fn_with_state(state.limits.answer, middleware::catch_errors))
         .layer(from_fn_with_state(state.clone(), middleware::guard))
         .layer(middleware::cors(&state.origins))
         .layer(from_fn_with_state(state.clone(), middleware::check_host))
         .layer(from_fn_with_state(state.tls, middleware::security_headers))
-        .layer(from_fn(middleware::envelope))
+        .layer(from_fn(middleware::request_span))
 }
 
 async fn unknown_path() -> Problem {

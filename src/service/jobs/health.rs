@@ -3,18 +3,18 @@ use std::time::Duration;
 use super::Service;
 
 /// A worker without a heartbeat for this long is stuck.
-const SILENCE: Duration = Duration::from_secs(60);
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(60);
 /// Work that ignores a stop for this long is stuck: solvers check for a stop in every Newton iteration.
-const DEAF: Duration = Duration::from_secs(180);
+const STOP_TIMEOUT: Duration = Duration::from_secs(180);
 
 impl Service {
     /// Descriptions of stuck workers and jobs; empty while all is well, also while a solver is busy.
     #[must_use]
-    pub fn wedged(&self) -> Vec<String> {
-        self.wedged_for(SILENCE, DEAF)
+    pub fn stuck(&self) -> Vec<String> {
+        self.stuck_for(HEARTBEAT_TIMEOUT, STOP_TIMEOUT)
     }
 
-    fn wedged_for(&self, silence: Duration, deaf: Duration) -> Vec<String> {
+    fn stuck_for(&self, silence: Duration, deaf: Duration) -> Vec<String> {
         let mut faults = Vec::new();
         for (worker, silent) in self.beats.silences() {
             if silent > silence && !self.stop.is_cancelled() {

@@ -5,13 +5,13 @@ use super::running::Worker;
 
 /// Last heartbeat of each worker.
 #[derive(Debug)]
-pub(super) struct Beats {
+pub(super) struct Heartbeats {
     begin: Instant,
     /// Time of the last heartbeat, ms since `begin`.
     last: Vec<(Worker, AtomicU64)>,
 }
 
-impl Beats {
+impl Heartbeats {
     pub(super) fn new(workers: Vec<Worker>) -> Self {
         Self { begin: Instant::now(), last: workers.into_iter().map(|w| (w, AtomicU64::new(0))).collect() }
     }
@@ -34,15 +34,15 @@ impl Beats {
 mod tests {
     use super::*;
 
-    const SILENCE: Duration = Duration::from_secs(60);
+    const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(60);
 
     #[test]
     fn a_worker_that_does_not_beat_is_silent() {
         let workers = Worker::all(2);
-        let beats = Beats { begin: Instant::now() - Duration::from_secs(100), ..Beats::new(workers.clone()) };
-        assert!(workers.len() == 3 && beats.silences().all(|(_, silent)| silent > SILENCE));
+        let beats = Heartbeats { begin: Instant::now() - Duration::from_secs(100), ..Heartbeats::new(workers.clone()) };
+        assert!(workers.len() == 3 && beats.silences().all(|(_, silent)| silent > HEARTBEAT_TIMEOUT));
         beats.beat(workers[1]);
-        let silent: Vec<Worker> = beats.silences().filter(|(_, s)| *s > SILENCE).map(|(w, _)| w).collect();
+        let silent: Vec<Worker> = beats.silences().filter(|(_, s)| *s > HEARTBEAT_TIMEOUT).map(|(w, _)| w).collect();
         assert_eq!(silent, [workers[0], workers[2]], "others do not hide it");
     }
 }

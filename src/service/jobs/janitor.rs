@@ -14,12 +14,12 @@ const ANSWERS: Duration = Duration::from_secs(7 * 24 * 3600);
 const SCRUBBED: u64 = 256 << 20;
 
 /// Runs the maintenance rounds until the service stops.
-pub(super) async fn keep_house(service: Arc<Service>) {
+pub(super) async fn run_maintenance(service: Arc<Service>) {
     let mut scrubbed = String::new();
     loop {
         let kept = async {
-            if service.store.takes_turn(service.settings.janitor_every).await? {
-                service.keep_house().await?;
+            if service.store.claims_maintenance(service.settings.janitor_every).await? {
+                service.run_maintenance().await?;
                 service.scrub(&mut scrubbed).await?;
             }
             Ok::<_, Fault>(())
@@ -91,11 +91,11 @@ impl Service {
     ///
     /// # Errors
     /// The store's.
-    pub async fn keep_house(&self) -> Result<(), Fault> {
+    pub async fn run_maintenance(&self) -> Result<(), Fault> {
         let swept = self.store.sweep_old().await?;
         let events = self.store.prune_events(self.settings.event_retention).await?;
         let compared = self.store.drop_comparisons(self.settings.comparison_retention).await?;
-        self.store.forget_old_answers(ANSWERS).await?;
+        self.store.delete_old_answers(ANSWERS).await?;
         let mut expired = 0;
         for session in self.store.hidden_sessions(self.settings.deleted_retention).await? {
             self.delete_session(session.id).await?;

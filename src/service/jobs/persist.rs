@@ -19,7 +19,7 @@ impl Service {
     {
         loop {
             match write().await {
-                Err(error) if error.is_away() && !self.stop.is_cancelled() => {
+                Err(error) if error.is_unreachable() && !self.stop.is_cancelled() => {
                     tracing::warn!(%error, "the result of a job cannot be stored yet; trying again");
                     tokio::select! {
                         () = tokio::time::sleep(PAUSE) => {}

@@ -6,7 +6,7 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::events::panicked;
-use super::heartbeat::Beats;
+use super::heartbeat::Heartbeats;
 use super::running::{Running, Worker};
 use super::{CpuPool, ServiceSettings};
 use prosopon_contract::{Fault, Halt};
@@ -32,7 +32,7 @@ pub struct Service {
     /// Cancelled when no job is begun any more.
     pub(super) drain: CancellationToken,
     pub(super) stop: CancellationToken,
-    pub(super) beats: Beats,
+    pub(super) beats: Heartbeats,
     /// Workers that claim no job because the bucket refuses them.
     pub(super) refused: Mutex<Vec<Worker>>,
     pub(super) tasks: Mutex<Vec<JoinHandle<()>>>,

@@ -14,11 +14,11 @@ pub struct ServiceSettings {
     /// Number of workers of the heavy lane, each with its share of the threads.
     pub parallel_jobs: usize,
     /// Whether this process computes jobs, and not only other processes on the same store.
-    pub works: bool,
+    pub computes_jobs: bool,
     /// Whether this process runs maintenance rounds.
     ///
     /// It must then have the retention times of the deployment.
-    pub keeps_house: bool,
+    pub runs_maintenance: bool,
     /// Lease of a running job: after it, without renewal, another process may take the job over.
     pub lease: Duration,
     /// Number of attempts of a job before it fails.
@@ -50,8 +50,8 @@ impl Default for ServiceSettings {
             max_waiting: 64,
             max_waiting_tenant: 64,
             parallel_jobs: 1,
-            works: true,
-            keeps_house: true,
+            computes_jobs: true,
+            runs_maintenance: true,
             lease: Duration::from_secs(15),
             max_attempts: 2,
             memory_mb: allowed_mb(),

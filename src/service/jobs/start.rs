@@ -3,7 +3,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
-use super::heartbeat::Beats;
+use super::heartbeat::Heartbeats;
 use super::recovery::recover;
 use super::running::Worker;
 use super::{CpuPool, Service, ServiceSettings, janitor, others, worker};
@@ -24,7 +24,7 @@ impl Service {
         settings: ServiceSettings,
     ) -> Result<Arc<Self>, Fault> {
         let stop = CancellationToken::new();
-        let workers = if settings.works { Worker::all(settings.parallel_jobs) } else { Vec::new() };
+        let workers = if settings.computes_jobs { Worker::all(settings.parallel_jobs) } else { Vec::new() };
         let service = Arc::new(Self {
             store: store.with_quota(settings.session_quota),
             engine,
@@ -37,7 +37,7 @@ impl Service {
             changes: watch::Sender::new(0),
             drain: stop.child_token(),
             stop,
-            beats: Beats::new(workers.clone()),
+            beats: Heartbeats::new(workers.clone()),
             refused: Mutex::default(),
             tasks: Mutex::default(),
         });
@@ -46,8 +46,8 @@ impl Service {
         let abandoned = if service.store.is_shared() { Vec::new() } else { service.store.abandoned().await? };
         recover(&service, abandoned).await?;
         let mut tasks = vec![tokio::spawn(janitor::anchor_audit(Arc::clone(&service)))];
-        if settings.keeps_house {
-            tasks.push(tokio::spawn(janitor::keep_house(Arc::clone(&service))));
+        if settings.runs_maintenance {
+            tasks.push(tokio::spawn(janitor::run_maintenance(Arc::clone(&service))));
         }
         if service.store.is_shared() {
             tasks.push(tokio::spawn(others::follow(Arc::clone(&service))));

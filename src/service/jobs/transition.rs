@@ -61,7 +61,7 @@ pub(super) async fn record_end(
     loop {
         match write(service, job, to, change).await {
             Err(error)
-                if (error.is_away() || matches!(error, StoreError::Database(_) | StoreError::Io(_)))
+                if (error.is_unreachable() || matches!(error, StoreError::Database(_) | StoreError::Io(_)))
                     && !service.stop.is_cancelled() =>
             {
                 tracing::error!(%error, "the end of a job cannot be stored yet; trying again");

@@ -105,7 +105,7 @@ async fn wait_for_store(service: &Service, worker: Worker) {
             answer = beating(service, worker, service.store.check_writing()) => answer,
             () = service.stop.cancelled() => return,
         };
-        service.set_refused(worker, matches!(answer, Err(StoreError::BucketRefused(_))));
+        service.set_refused(worker, matches!(answer, Err(StoreError::BucketDenied(_))));
         let Err(error) = answer else { return };
         tracing::error!(error = chain(&error), "this worker claims no job until the bucket can be used");
         pause(service).await;

@@ -3,7 +3,7 @@
 //! Invariant: this module stops everything that it starts, in the order in which requests depend on it. Futures are boxed,
 //! because an `async fn` and everything it awaits would be compiled again in every package that calls it.
 
-mod stalled;
+mod connection_limits;
 mod tls;
 
 use std::future::Future;
@@ -21,7 +21,7 @@ use hyper_util::server::conn::auto::Builder;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 
-use self::stalled::Patience;
+use self::connection_limits::LimitingAcceptor;
 use crate::config::{ConfigError, ConnectionLimits, ServeConfig};
 use crate::http::auth::{Access, AuthError, Authenticator};
 use crate::http::{AppState, app, worker_app};
@@ -145,8 +145,8 @@ async fn started(config: ServeConfig, engine: Arc<dyn Engine>) -> Result<Running
     Ok(Running { address, scheme, service, server, handle, drain: config.drain })
 }
 
-fn patient<A>(acceptor: A, limits: ConnectionLimits) -> Patience<A> {
-    Patience::new(acceptor, limits.stalled, limits.most)
+fn patient<A>(acceptor: A, limits: ConnectionLimits) -> LimitingAcceptor<A> {
+    LimitingAcceptor::new(acceptor, limits.stalled, limits.most)
 }
 
 /// Makes the server refuse slow and large request heads before any handler sees them.
@@ -186,7 +186,7 @@ async fn state_over(config: &ServeConfig, store: Store, engine: Arc<dyn Engine>)
         None => Access::Open,
     };
     let audit = Audit::open(&config.data).map_err(ServeError::Audit)?;
-    let settings = ServiceSettings { keeps_house: config.api, ..config.service };
+    let settings = ServiceSettings { runs_maintenance: config.api, ..config.service };
     let service = Service::start(store, engine, cpu, audit, settings).await;
     Ok(AppState {
         service: service.map_err(|f| ServeError::Jobs(Box::new(f)))?,

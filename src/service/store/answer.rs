@@ -23,7 +23,7 @@ pub struct AnswerRecord {
 
 /// The stored answer to an idempotency key, if any.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Remembered {
+pub enum StoredAnswer {
     /// The key was not used, or its answer has expired.
     Nothing,
     /// The same request got this answer.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::MetaStore;
 use super::directory::{LOCAL_LOG, create_private, log_name};
-use super::place::DatabaseUrl;
+use super::location::DatabaseUrl;
 use super::postgres::PostgresMeta;
 use super::records::{now_rfc3339, sha256_hex};
 use super::sqlite::{DATABASE, SqliteMeta};

@@ -13,12 +13,12 @@ pub enum StoreError {
     Unreachable(#[source] sqlx::Error),
     /// The bucket did not answer, or answered only with server errors, until the retries ended.
     #[error("the bucket cannot be reached")]
-    BucketAway(#[source] object_store::Error),
+    BucketUnreachable(#[source] object_store::Error),
     /// The bucket refuses every request of this process.
     ///
     /// It does not exist, the access key is wrong or lacks a permission, or the clock of this machine is wrong.
     #[error("the bucket refuses this process")]
-    BucketRefused(#[source] object_store::Error),
+    BucketDenied(#[source] object_store::Error),
     /// The configuration of the object store is not valid.
     #[error("the bucket cannot be used")]
     Bucket(#[source] object_store::Error),
@@ -146,8 +146,8 @@ fn is_unreachable(error: &sqlx::Error) -> bool {
             | sqlx::Error::WorkerCrashed
     );
     let code = error.as_database_error().and_then(DatabaseError::code);
-    let told = |code: &str| CLASSES.iter().any(|class| code.starts_with(class)) || CODES.contains(&code);
-    broken || code.is_some_and(|code| told(&code))
+    let reported = |code: &str| CLASSES.iter().any(|class| code.starts_with(class)) || CODES.contains(&code);
+    broken || code.is_some_and(|code| reported(&code))
 }
 
 impl From<object_store::Error> for StoreError {
@@ -157,12 +157,12 @@ impl From<object_store::Error> for StoreError {
             return Self::BlobGone { key };
         }
         // object_store has kinds of their own for refused requests; other S3 errors are `Generic`.
-        let told = matches!(error, PermissionDenied { .. } | Unauthenticated { .. });
+        let reported = matches!(error, PermissionDenied { .. } | Unauthenticated { .. });
         let answered = matches!(error, Generic { store: "S3", .. });
-        if told || (answered && chain_has(&error, "NoSuchBucket")) {
-            Self::BucketRefused(error)
+        if reported || (answered && chain_has(&error, "NoSuchBucket")) {
+            Self::BucketDenied(error)
         } else if answered {
-            Self::BucketAway(error)
+            Self::BucketUnreachable(error)
         } else {
             Self::Blob(error)
         }
@@ -181,8 +181,8 @@ impl StoreError {
 
     /// Whether the same call may succeed later, when the database or the bucket can be reached again.
     #[must_use]
-    pub fn is_away(&self) -> bool {
-        matches!(self, Self::Unreachable(_) | Self::BucketAway(_))
+    pub fn is_unreachable(&self) -> bool {
+        matches!(self, Self::Unreachable(_) | Self::BucketUnreachable(_))
     }
 
     /// Whether the write may have been committed although its answer was lost.

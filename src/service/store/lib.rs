@@ -28,10 +28,10 @@ mod grid_blob;
 mod ids;
 mod job;
 mod job_state;
+mod location;
 mod mesh_blob;
 mod meta;
 mod part;
-mod place;
 mod plan;
 mod postgres;
 mod records;
@@ -43,7 +43,7 @@ mod step;
 mod store;
 mod tenant;
 
-pub use answer::{AnswerRecord, Remembered};
+pub use answer::{AnswerRecord, StoredAnswer};
 pub use audit::{Audit, AuditEntry, AuditFault, AuditReport, verify_audit};
 pub use backup::{BackupReport, back_up, restore};
 pub use blobs::{BlobInfo, Blobs, Upload};
@@ -56,10 +56,10 @@ pub use job::{
     AnswerOf, Claim, Insertion, JobChange, JobFilter, JobKind, JobRecord, Lane, NewJob, QueueLimits, Supersede,
 };
 pub use job_state::JobState;
+pub use location::{BucketUrl, DatabaseUrl, StoreLocation};
 pub use mesh_blob::{decode_mesh, encode_mesh};
 pub use meta::MetaStore;
 pub use part::{PartKind, PartRecord};
-pub use place::{BucketUrl, DatabaseUrl, Places};
 pub use plan::{OsteotomyRecord, PlanRecord};
 pub use records::{later, now_rfc3339, sha256_hex};
 pub use scrub::{ScrubReport, scrub};

@@ -6,8 +6,8 @@ use async_trait::async_trait;
 
 use super::{
     AnswerRecord, BlobInfo, Changes, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState,
-    Lane, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
-    SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
+    Lane, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, SessionContents,
+    SessionId, SessionRecord, StepRecord, StepWritten, StoreError, StoredAnswer, TenantId,
 };
 
 type Result<T> = std::result::Result<T, StoreError>;
@@ -82,7 +82,7 @@ pub trait MetaStore: Debug + Send + Sync {
     // ---- answers ----
 
     /// The stored answer to a tenant's idempotency key, if any.
-    async fn remembered(&self, tenant: &TenantId, key: &str, request_sha256: &str) -> Result<Remembered>;
+    async fn remembered(&self, tenant: &TenantId, key: &str, request_sha256: &str) -> Result<StoredAnswer>;
 
     /// Deletes answers older than `answers`, and tombstones older than `tombstones` whose rows are gone (times, RFC 3339).
     async fn forget(&self, answers: &str, tombstones: &str) -> Result<()>;
@@ -244,7 +244,7 @@ pub trait MetaStore: Debug + Send + Sync {
     /// Whether no process has begun a maintenance round for the time `every`.
     ///
     /// If so, records that the caller begins one.
-    async fn take_turn(&self, every: Duration) -> Result<bool>;
+    async fn claim_maintenance(&self, every: Duration) -> Result<bool>;
 
     /// Keys of all blobs that a row names.
     async fn named_blobs(&self) -> Result<BTreeSet<String>>;

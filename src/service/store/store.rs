@@ -11,7 +11,7 @@ use object_store::ObjectStore;
 use super::records::{now_rfc3339, rfc3339_before};
 use super::{
     AnswerRecord, Blobs, Changes, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId,
-    PlanRecord, Remembered, SessionContents, SessionId, SessionRecord, StoreError, TenantId,
+    PlanRecord, SessionContents, SessionId, SessionRecord, StoreError, StoredAnswer, TenantId,
 };
 
 /// Longest wait of [`Store::check`] for the bucket's answer.
@@ -220,7 +220,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn remembered(&self, tenant: &TenantId, key: &str, request_sha256: &str) -> Result<Remembered> {
+    pub async fn remembered(&self, tenant: &TenantId, key: &str, request_sha256: &str) -> Result<StoredAnswer> {
         self.meta.remembered(tenant, key, request_sha256).await
     }
 
@@ -228,7 +228,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn forget_old_answers(&self, age: Duration) -> Result<()> {
+    pub async fn delete_old_answers(&self, age: Duration) -> Result<()> {
         self.meta.forget(&rfc3339_before(age), &rfc3339_before(age.saturating_mul(10))).await
     }
 
@@ -380,8 +380,8 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn takes_turn(&self, every: Duration) -> Result<bool> {
-        Ok(!self.shared || self.meta.take_turn(every).await?)
+    pub async fn claims_maintenance(&self, every: Duration) -> Result<bool> {
+        Ok(!self.shared || self.meta.claim_maintenance(every).await?)
     }
 
     /// Stores the end of the audit log (its anchor), so that a verification finds a removed tail.
@@ -417,7 +417,7 @@ impl Store {
     pub async fn check(&self) -> Result<()> {
         self.meta.check().await?;
         match tokio::time::timeout(BUCKET_ANSWERS, self.blobs.name()).await {
-            Ok(Err(error)) if !error.is_away() => Err(error),
+            Ok(Err(error)) if !error.is_unreachable() => Err(error),
             _ => Ok(()),
         }
     }
@@ -425,7 +425,7 @@ impl Store {
     /// Checks that blobs can be written and read, without a time limit of its own.
     ///
     /// # Errors
-    /// [`StoreError::BucketAway`], [`StoreError::BucketRefused`].
+    /// [`StoreError::BucketUnreachable`], [`StoreError::BucketDenied`].
     pub async fn check_writing(&self) -> Result<()> {
         self.blobs.check_writing().await
     }

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use prosopon_store::{
-    Claim, Insertion, JobChange, JobKind, JobRecord, JobState, Lane, NewJob, Places, QueueLimits, SessionId,
-    SessionRecord, Store, WorkerId, now_rfc3339,
+    Claim, Insertion, JobChange, JobKind, JobRecord, JobState, Lane, NewJob, QueueLimits, SessionId, SessionRecord,
+    Store, StoreLocation, WorkerId, now_rfc3339,
 };
 
 use crate::Row;
@@ -27,7 +27,7 @@ pub(crate) fn operations(site: &Site) -> Vec<Row> {
             for clients in [1, 2, 4, 8] {
                 let directory = tempfile::tempdir().unwrap();
                 let database = (engine == "shared").then_some(site.cluster.fresh_database().await);
-                let places = Places { database: database.map(|d| d.parse().unwrap()), blobs: None };
+                let places = StoreLocation { database: database.map(|d| d.parse().unwrap()), blobs: None };
                 let store = Store::open_at(directory.path(), &places).await.unwrap();
                 let mut all = measure(&store, clients).await;
                 for _ in 1..ROUNDS {
@@ -99,7 +99,7 @@ async fn measure(store: &Store, clients: usize) -> [(&'static str, Times); 3] {
             let store = store.clone();
             async move {
                 let change =
-                    |_: &JobRecord| JobChange { attempt_change: 1, events: told("status"), ..JobChange::default() };
+                    |_: &JobRecord| JobChange { attempt_change: 1, events: reported("status"), ..JobChange::default() };
                 // All claims use one name; otherwise jobs would be reserved for the worker that knows their session.
                 let worker = store.is_shared().then_some(name);
                 let (patience, lease) = (Claim::PATIENCE, Duration::from_secs(60));
@@ -115,7 +115,7 @@ async fn measure(store: &Store, clients: usize) -> [(&'static str, Times); 3] {
         move |n| {
             let (store, jobs) = (store.clone(), Arc::clone(&jobs));
             async move {
-                let change = JobChange { events: told("end"), ..JobChange::default() };
+                let change = JobChange { events: reported("end"), ..JobChange::default() };
                 assert!(store.change_job(&jobs[n], JobState::Succeeded, &change).await.unwrap());
             }
         }
@@ -124,7 +124,7 @@ async fn measure(store: &Store, clients: usize) -> [(&'static str, Times); 3] {
     [("jobs stored", stored), ("jobs claimed", claimed), ("jobs ended", ended)]
 }
 
-fn told(kind: &'static str) -> Vec<(&'static str, String)> {
+fn reported(kind: &'static str) -> Vec<(&'static str, String)> {
     vec![(kind, "{}".to_owned())]
 }
 

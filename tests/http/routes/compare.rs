@@ -97,7 +97,7 @@ async fn results_of_comparisons_expire() {
     let path = found.header("content-location").to_owned();
     assert!(bytes().await > before && app.get(&path).await.status.is_success());
     tokio::time::sleep(Duration::from_millis(5)).await;
-    app.state.service.keep_house().await.unwrap();
+    app.state.service.run_maintenance().await.unwrap();
     app.get(&path).await.problem(410, "gone");
     assert_eq!(bytes().await, before);
     let job = app.get(path.strip_suffix("/comparison").unwrap()).await.ok();

@@ -119,7 +119,7 @@ async fn a_client_whose_events_expired_receives_resync() {
     assert_eq!((&other_life[0]["event"], other_life.len()), (&json!("resync"), all.len() + 1));
 
     tokio::time::sleep(Duration::from_millis(5)).await;
-    app.state.service.keep_house().await.unwrap();
+    app.state.service.run_maintenance().await.unwrap();
     let app = app.restart().await;
     let left = lines(&app, &job, Some("2")).await;
     let names: Vec<&str> = left.iter().map(|e| e["event"].as_str().unwrap()).collect();

@@ -103,7 +103,7 @@ async fn a_session_not_restored_in_time_is_deleted_for_good() {
     app.upload(&format!("{session}/skin"), skin()).await.ok();
     assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
     tokio::time::sleep(Duration::from_millis(60)).await;
-    app.state.service.keep_house().await.unwrap();
+    app.state.service.run_maintenance().await.unwrap();
     assert_eq!(std::fs::read_dir(app.directory().join("blobs")).unwrap().count(), 0);
     app.post(&format!("{session}/restore"), json!({})).await.problem(410, "gone");
 }
@@ -164,10 +164,10 @@ async fn unused_sessions_expire() {
     let app = TestApp::with(|config| config.service.session_retention = Some(Duration::from_millis(300))).await;
     let session = app.session().await;
     assert!(app.get(&session).await.ok()["expires_at"].is_string());
-    app.state.service.keep_house().await.unwrap();
+    app.state.service.run_maintenance().await.unwrap();
     assert_eq!(app.get(&session).await.status, StatusCode::OK);
     tokio::time::sleep(Duration::from_millis(350)).await;
-    app.state.service.keep_house().await.unwrap();
+    app.state.service.run_maintenance().await.unwrap();
     app.get(&session).await.problem(410, "gone");
     let audit = std::fs::read_dir(app.directory().join("audit")).unwrap().next().unwrap().unwrap();
     assert!(std::fs::read_to_string(audit.path()).unwrap().contains(r#""who":"retention""#));

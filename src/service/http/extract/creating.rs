@@ -10,7 +10,7 @@ use crate::http::auth::Principal;
 use crate::http::{AppState, Problem};
 use prosopon_contract::FaultKind;
 use prosopon_session::key_of;
-use prosopon_store::{AnswerRecord, Remembered, SessionId, TenantId};
+use prosopon_store::{AnswerRecord, SessionId, StoredAnswer, TenantId};
 
 const IDEMPOTENCY_KEY: &str = "idempotency-key";
 
@@ -18,18 +18,18 @@ const IDEMPOTENCY_KEY: &str = "idempotency-key";
 ///
 /// A request that repeats a key with the same payload gets the stored answer and does not reach the handler.
 #[derive(Debug)]
-pub(in crate::http) struct Creating<T> {
+pub(in crate::http) struct CreateBody<T> {
     pub(in crate::http) body: T,
     tenant: TenantId,
     key: Option<(String, String)>,
 }
 
-impl<T: DeserializeOwned> FromRequest<AppState> for Creating<T> {
+impl<T: DeserializeOwned> FromRequest<AppState> for CreateBody<T> {
     type Rejection = Response;
 
     async fn from_request(request: Request, state: &AppState) -> Result<Self, Response> {
-        let Repeatable { creating, earlier } =
-            Repeatable::from_request(request, state).await.map_err(IntoResponse::into_response)?;
+        let RepeatableBody { creating, earlier } =
+            RepeatableBody::from_request(request, state).await.map_err(IntoResponse::into_response)?;
         match earlier {
             Some(earlier) => Err(replay(&earlier)),
             None => Ok(creating),
@@ -37,14 +37,14 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Creating<T> {
     }
 }
 
-/// A [`Creating`] whose handler itself answers a repeated request, from the stored first answer.
+/// A [`CreateBody`] whose handler itself answers a repeated request, from the stored first answer.
 #[derive(Debug)]
-pub(in crate::http) struct Repeatable<T> {
-    pub(in crate::http) creating: Creating<T>,
+pub(in crate::http) struct RepeatableBody<T> {
+    pub(in crate::http) creating: CreateBody<T>,
     pub(in crate::http) earlier: Option<AnswerRecord>,
 }
 
-impl<T: DeserializeOwned> FromRequest<AppState> for Repeatable<T> {
+impl<T: DeserializeOwned> FromRequest<AppState> for RepeatableBody<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &AppState) -> Result<Self, Problem> {
@@ -63,20 +63,20 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Repeatable<T> {
                 let sha256 = key_of(&[&target, &payload.to_string()]);
                 let remembered = state.service.store().remembered(&tenant, &key, &sha256).await;
                 match remembered? {
-                    Remembered::Nothing => {}
-                    Remembered::Answer(answer) => earlier = Some(answer),
-                    Remembered::OtherRequest => return Err(mismatch()),
+                    StoredAnswer::Nothing => {}
+                    StoredAnswer::Answer(answer) => earlier = Some(answer),
+                    StoredAnswer::OtherRequest => return Err(mismatch()),
                 }
                 Some((key, sha256))
             }
             None => None,
         };
         let body = parse(&bytes)?;
-        Ok(Self { creating: Creating { body, tenant, key }, earlier })
+        Ok(Self { creating: CreateBody { body, tenant, key }, earlier })
     }
 }
 
-impl<T> Creating<T> {
+impl<T> CreateBody<T> {
     /// Splits into the body and the maker of the stored answer.
     pub(in crate::http) fn split(self) -> (T, Answering) {
         (self.body, Answering { tenant: self.tenant, key: self.key })

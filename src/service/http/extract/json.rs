@@ -6,8 +6,8 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use serde_path_to_error::{Path, Segment};
 
+use super::messages::api_message;
 use super::strict::{Strict, Unique};
-use super::words::plain;
 use crate::http::{AppState, Problem};
 use prosopon_contract::{Fault, FaultKind};
 
@@ -110,7 +110,7 @@ pub fn strict_value<T: DeserializeOwned>(value: &Value) -> Result<T, JsonFault> 
 }
 
 fn not_as_expected(error: &serde_path_to_error::Error<serde_json::Error>) -> Problem {
-    let detail = plain(&error.inner().to_string());
+    let detail = api_message(&error.inner().to_string());
     Problem(Fault::new(FaultKind::InvalidRequest, detail).at(&pointer_of(error.path())))
 }
 

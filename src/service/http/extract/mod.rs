@@ -2,12 +2,12 @@
 
 mod creating;
 mod json;
+mod messages;
 mod path;
 mod query;
 mod strict;
-mod words;
 
-pub(super) use creating::{Answering, Creating, Repeatable, mark_replayed};
+pub(super) use creating::{Answering, CreateBody, RepeatableBody, mark_replayed};
 pub(super) use json::Body;
 pub use json::{JsonFault, strict_json, strict_value};
 pub(super) use path::Ids;

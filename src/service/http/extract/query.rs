@@ -5,7 +5,7 @@ use axum::extract::rejection::QueryRejection;
 use axum::http::request::Parts;
 use serde::de::{DeserializeOwned, value};
 
-use super::words::{plain, quoted_name};
+use super::messages::{api_message, quoted_name};
 use crate::http::Problem;
 use prosopon_contract::{Fault, FaultKind};
 
@@ -43,5 +43,5 @@ fn refusal(rejection: &QueryRejection) -> Problem {
     };
     let (path, message) = (error.path().to_string(), error.inner().to_string());
     let name = if path == "." { quoted_name(&message).unwrap_or_default().to_owned() } else { path };
-    Problem(Fault::new(FaultKind::MalformedRequest, plain(&message)).at(&name))
+    Problem(Fault::new(FaultKind::MalformedRequest, api_message(&message)).at(&name))
 }

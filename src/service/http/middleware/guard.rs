@@ -11,10 +11,10 @@ use prosopon_contract::{Fault, FaultKind};
 use prosopon_store::AuditEntry;
 
 /// POST routes that only read; they have a body, but need the scope `read`.
-const LOOKING_POSTS: [&str; 2] = ["/v1/sessions/{session}/field/query", "/v1/materials/check"];
+const READ_ONLY_POSTS: [&str; 2] = ["/v1/sessions/{session}/field/query", "/v1/materials/check"];
 
 /// Routes that a deleted session still answers: restoring it, and deleting it permanently.
-const OF_DELETED: [(Method, &str); 2] =
+const ALLOWED_ON_DELETED: [(Method, &str); 2] =
     [(Method::POST, "/v1/sessions/{session}/restore"), (Method::DELETE, "/v1/sessions/{session}")];
 
 /// GET routes without an audit entry: job states, and data that is the same for everybody.
@@ -96,7 +96,7 @@ fn needed(method: &Method, route: &str) -> Option<Scope> {
     if route.is_empty() {
         return None;
     }
-    let looks = method.is_safe() || LOOKING_POSTS.contains(&route);
+    let looks = method.is_safe() || READ_ONLY_POSTS.contains(&route);
     Some(if looks { Scope::Read } else { Scope::Write })
 }
 
@@ -120,7 +120,7 @@ async fn refused(
     (method, route): (&Method, &str),
     (kind, id): (&str, &str),
 ) -> Option<Problem> {
-    let is_for_deleted = || OF_DELETED.iter().any(|(m, r)| m == method && *r == route);
+    let is_for_deleted = || ALLOWED_ON_DELETED.iter().any(|(m, r)| m == method && *r == route);
     match state.service.store().owner(id).await {
         Ok(Some(owner)) if owner.tenant == principal.tenant && owner.deleted && !is_for_deleted() => {
             Some(Problem::new(FaultKind::Gone, format!("{kind} {id} was deleted")))

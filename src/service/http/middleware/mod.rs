@@ -1,15 +1,15 @@
 //! Middleware around every request: ids, hosts, access, compression, headers and unexpected errors.
 
+mod catch_errors;
 mod compression;
-mod envelope;
 mod guard;
 mod hosts;
-mod safety_net;
+mod request_span;
 mod security;
 
+pub(super) use catch_errors::catch_errors;
 pub(super) use compression::{compression, mark_compressed};
-pub(super) use envelope::{envelope, request_id};
 pub(super) use guard::guard;
 pub(super) use hosts::check_host;
-pub(super) use safety_net::safety_net;
+pub(super) use request_span::{request_id, request_span};
 pub(super) use security::{cors, security_headers};

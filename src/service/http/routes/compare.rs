@@ -9,7 +9,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::accepted::{accepted, store_order, stored};
 use crate::http::auth::Principal;
 use crate::http::dto::{CompareView, JobView, finite};
-use crate::http::extract::{Ids, Params, Repeatable, mark_replayed};
+use crate::http::extract::{Ids, Params, RepeatableBody, mark_replayed};
 use crate::http::result::{tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
@@ -22,7 +22,7 @@ use prosopon_store::{AnswerRecord, JobId, JobKind, JobRecord, JobState, SessionI
 /// Default wait: a comparison that ends within it is answered directly, a longer one as a job.
 const PATIENCE: Duration = Duration::from_millis(900);
 /// Longest wait that a client can ask for, s.
-const MOST_PATIENCE_S: u64 = 60;
+const MAX_WAIT_S: u64 = 60;
 
 /// Format of a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
@@ -82,7 +82,7 @@ pub(in crate::http) async fn compare(
     principal: Principal,
     Params(query): Params<CompareQuery>,
     headers: HeaderMap,
-    Repeatable { creating, earlier }: Repeatable<CompareRequest>,
+    RepeatableBody { creating, earlier }: RepeatableBody<CompareRequest>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let values = request.values;
@@ -206,7 +206,7 @@ fn patience(headers: &HeaderMap) -> Duration {
             return Duration::ZERO;
         }
         if let Some(seconds) = preference.strip_prefix("wait=").and_then(|s| s.parse::<u64>().ok()) {
-            patience = Duration::from_secs(seconds.min(MOST_PATIENCE_S));
+            patience = Duration::from_secs(seconds.min(MAX_WAIT_S));
         }
     }
     patience

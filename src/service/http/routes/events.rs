@@ -24,7 +24,7 @@ const RETRY: Duration = Duration::from_millis(1500);
 
 /// An item of the stream.
 #[derive(Debug)]
-enum Told {
+enum StreamItem {
     Event(EventRecord),
     /// Sent after a silence, with the number of the last event.
     Heartbeat(u64),
@@ -55,32 +55,32 @@ pub(in crate::http) async fn events(
     }
     let heartbeat = state.limits.heartbeat;
     if headers.get(header::ACCEPT).is_some_and(|a| a == "application/x-ndjson") {
-        let lines = told(events, Some(heartbeat)).map(move |told| Ok::<_, Infallible>(line(id, &told)));
+        let lines = stream_items(events, Some(heartbeat)).map(move |item| Ok::<_, Infallible>(line(id, &item)));
         let headers = [(header::CONTENT_TYPE, "application/x-ndjson"), (header::CACHE_CONTROL, "no-store")];
         return Ok((headers, Body::from_stream(lines)).into_response());
     }
     let first = stream::once(async { Ok::<_, Infallible>(Event::default().retry(retry())) });
-    let events = first.chain(told(events, None).map(move |told| Ok(sse(id, told))));
+    let events = first.chain(stream_items(events, None).map(move |item| Ok(sse(id, item))));
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(heartbeat)).into_response())
 }
 
-fn line(job: JobId, told: &Told) -> String {
-    let line = match told {
-        Told::Event(event) => {
+fn line(job: JobId, item: &StreamItem) -> String {
+    let line = match item {
+        StreamItem::Event(event) => {
             serde_json::json!({ "id": event.seq, "event": event.kind, "data": render_event(job, event) })
         }
-        Told::Heartbeat(last) => serde_json::json!({ "id": last, "event": "heartbeat", "data": {} }),
+        StreamItem::Heartbeat(last) => serde_json::json!({ "id": last, "event": "heartbeat", "data": {} }),
     };
     format!("{line}\n")
 }
 
-fn sse(job: JobId, told: Told) -> Event {
-    match told {
-        Told::Event(event) => {
+fn sse(job: JobId, item: StreamItem) -> Event {
+    match item {
+        StreamItem::Event(event) => {
             let data = render_event(job, &event).to_string();
             Event::default().id(event.seq.to_string()).event(event.kind).data(data)
         }
-        Told::Heartbeat(_) => Event::default().comment(""),
+        StreamItem::Heartbeat(_) => Event::default().comment(""),
     }
 }
 
@@ -99,20 +99,20 @@ fn last_event_id(headers: &HeaderMap) -> Result<u64, Problem> {
 /// Events one by one, and heartbeats after a silence of that length.
 ///
 /// Ends when the feed ends or fails; the log has the reason.
-fn told(feed: EventFeed, heartbeat: Option<Duration>) -> impl Stream<Item = Told> + Send {
+fn stream_items(feed: EventFeed, heartbeat: Option<Duration>) -> impl Stream<Item = StreamItem> + Send {
     stream::unfold(feed, move |mut feed| async move {
         let batch = match heartbeat {
             Some(silence) => match tokio::time::timeout(silence, feed.next()).await {
                 Ok(batch) => batch.unwrap_or_default(),
                 Err(_) => {
-                    let beat = vec![Told::Heartbeat(feed.last())];
+                    let beat = vec![StreamItem::Heartbeat(feed.last())];
                     return Some((stream::iter(beat), feed));
                 }
             },
             None => feed.next().await.unwrap_or_default(),
         };
-        let told: Vec<Told> = batch.into_iter().map(Told::Event).collect();
-        (!told.is_empty()).then_some((stream::iter(told), feed))
+        let item: Vec<StreamItem> = batch.into_iter().map(StreamItem::Event).collect();
+        (!item.is_empty()).then_some((stream::iter(item), feed))
     })
     .flatten()
 }

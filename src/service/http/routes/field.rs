@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 
 use super::accepted::accept;
 use crate::http::dto::{FieldView, JobView, PointQuery, PointValues, SliceQuery, view_of};
-use crate::http::extract::{Body, Creating, Ids, Params};
+use crate::http::extract::{Body, CreateBody, Ids, Params};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{FieldSettingsDocument, to_json};
 use prosopon_jobs::{FieldTask, field_slice};
@@ -17,7 +17,7 @@ use prosopon_store::{JobFilter, JobKind, PartKind, PartRecord, SessionId, now_rf
 /// An empty request.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub(in crate::http) struct Nothing {}
+pub(in crate::http) struct EmptyBody {}
 
 /// Set the field settings
 ///
@@ -50,14 +50,14 @@ pub(in crate::http) async fn put_settings(
 ///
 /// Starts a `field` job that builds the signed distance fields of skin and bone. The session needs skin and skull.
 #[utoipa::path(post, path = "/v1/sessions/{session}/field", tag = "field", params(("session" = Uuid, Path)),
-    request_body(content = Option<Nothing>, description = "The body may be absent."),
+    request_body(content = Option<EmptyBody>, description = "The body may be absent."),
     responses((status = 202, description = "The job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn build(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
-    creating: Creating<Nothing>,
+    creating: CreateBody<EmptyBody>,
 ) -> Result<Response, Problem> {
-    let (Nothing {}, answering) = creating.split();
+    let (EmptyBody {}, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
     parts.require_nested()?;
     let request = FieldTask { settings: parts.field_settings()?, key: parts.field_key()? };

@@ -17,11 +17,11 @@ const QUEUE_TOLD: Duration = Duration::from_secs(2);
 /// then. The service resumes its jobs after the restart.
 #[utoipa::path(get, path = "/livez", tag = "health", responses((status = 200, description = "Alive.", body = String)))]
 pub(in crate::http) async fn livez(State(state): State<AppState>) -> Result<&'static str, Problem> {
-    let wedged = state.service.wedged();
-    if wedged.is_empty() {
+    let stuck = state.service.stuck();
+    if stuck.is_empty() {
         return Ok("ok\n");
     }
-    tracing::error!(wedged = wedged.join("; "), "the service is wedged");
+    tracing::error!(stuck = stuck.join("; "), "the service is stuck");
     Err(Problem::new(FaultKind::Internal, "the scheduler is stuck; see the log, and restart the process"))
 }
 

@@ -10,12 +10,12 @@ use uuid::Uuid;
 
 use super::accepted::{accept_order, stored};
 use super::mesh_choice::mesh_of;
-use super::osteotomies::fresh_osteotomy;
+use super::osteotomies::current_osteotomy;
 use super::plans;
-use super::warm_start::begin_at;
+use super::warm_start::with_warm_start;
 use crate::http::auth::Principal;
 use crate::http::dto::{JobList, JobView};
-use crate::http::extract::{Creating, Ids, Params, page_length};
+use crate::http::extract::{CreateBody, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{
     CutDocument, Fault, FaultKind, SessionSettings, SolveRequest, TissueDocument, from_json, short_number,
@@ -66,7 +66,7 @@ pub(in crate::http) async fn create(
     State(state): State<AppState>,
     principal: Principal,
     Ids(session): Ids<SessionId>,
-    creating: Creating<SolveRequest>,
+    creating: CreateBody<SolveRequest>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
@@ -87,7 +87,7 @@ pub(in crate::http) async fn create(
         return accept_order(&state, order(stored(&scene)?), Some(&answering)).await;
     }
     parts.require_field()?;
-    let plan = plans::find(&state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
+    let plan = plans::find(&state, session, request.plan.into()).await.map_err(|p| as_invalid_request(p, "/plan"))?;
     let Some(osteotomy) = plan.osteotomy else {
         // The tissue mesh that the plan was made for has been removed.
         return Err(parts.require_tissue("the plan's tissue mesh was removed: PUT it again").err().map_or_else(
@@ -95,7 +95,7 @@ pub(in crate::http) async fn create(
             Problem::from,
         ));
     };
-    let (osteotomy, bone) = fresh_osteotomy(&state, &parts, session, osteotomy, "/plan").await?;
+    let (osteotomy, bone) = current_osteotomy(&state, &parts, session, osteotomy, "/plan").await?;
     let mesh = mesh_of(&state, &parts, session, osteotomy.id, &bone.cuts, mesh_job).await?;
     let reference_job = request.reference_job.map(JobId::from);
     if let Some(id) = reference_job {
@@ -114,7 +114,7 @@ pub(in crate::http) async fn create(
         warm_start: None,
     };
     let solve = match request.warm_start {
-        Some(id) => begin_at(&state, &principal, session, id.into(), solve).await?,
+        Some(id) => with_warm_start(&state, &principal, session, id.into(), solve).await?,
         None => solve,
     };
     accept_order(&state, order(stored(&solve)?), Some(&answering)).await
@@ -151,9 +151,9 @@ async fn scene(
     ready: TissueDocument,
 ) -> Result<SceneTask, Problem> {
     request.check_uploaded_mesh()?;
-    let plan = plans::find(state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
+    let plan = plans::find(state, session, request.plan.into()).await.map_err(|p| as_invalid_request(p, "/plan"))?;
     let bone = match plan.osteotomy {
-        Some(osteotomy) => Some(fresh_osteotomy(state, parts, session, osteotomy, "/plan").await?.1),
+        Some(osteotomy) => Some(current_osteotomy(state, parts, session, osteotomy, "/plan").await?.1),
         None => None,
     };
     let field_key = if bone.is_some() { parts.field_key()? } else { String::new() };
@@ -176,7 +176,7 @@ async fn scene(
 }
 
 /// Turns a fault about an id in the body into invalid-request: the value is wrong, not the path.
-fn in_body(Problem(fault): Problem, pointer: &str) -> Problem {
+fn as_invalid_request(Problem(fault): Problem, pointer: &str) -> Problem {
     Fault { kind: FaultKind::InvalidRequest, ..fault.at(pointer) }.into()
 }
 
@@ -188,7 +188,11 @@ async fn check_reference(
     plan: &PlanRecord,
     cuts: &[CutDocument],
 ) -> Result<(), Problem> {
-    let job = state.service.job_of(&principal.tenant, id).await.map_err(|f| in_body(f.into(), "/reference_job"))?;
+    let job = state
+        .service
+        .job_of(&principal.tenant, id)
+        .await
+        .map_err(|f| as_invalid_request(f.into(), "/reference_job"))?;
     let wrong = |kind, detail: String| Problem(Fault::new(kind, detail).at("/reference_job"));
     if job.kind != JobKind::Solve || job.state != JobState::Succeeded {
         let detail = format!("job {id} is not a succeeded solve but a {} that is {}", job.kind.as_str(), job.state);

@@ -4,9 +4,9 @@ use axum::response::Response;
 
 use super::accepted::accept;
 use super::jobs::session_settings;
-use super::osteotomies::fresh_osteotomy;
+use super::osteotomies::current_osteotomy;
 use crate::http::dto::{JobView, MeshView, view_of};
-use crate::http::extract::{Creating, Ids};
+use crate::http::extract::{CreateBody, Ids};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{MeshDocument, MeshRequest};
 use prosopon_jobs::MeshTask;
@@ -22,7 +22,7 @@ use prosopon_store::{JobFilter, JobKind, OsteotomyId, PartKind, SessionId};
 pub(in crate::http) async fn build(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
-    creating: Creating<MeshRequest>,
+    creating: CreateBody<MeshRequest>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
@@ -31,7 +31,7 @@ pub(in crate::http) async fn build(
     parts.require_field()?;
     let osteotomy_id = request.osteotomy.map(OsteotomyId::from);
     let cuts = match osteotomy_id {
-        Some(id) => Some(fresh_osteotomy(&state, &parts, session, id, "/osteotomy").await?.1.cuts),
+        Some(id) => Some(current_osteotomy(&state, &parts, session, id, "/osteotomy").await?.1.cuts),
         None => None,
     };
     let key = parts.mesh_key(&settings, cuts.as_deref())?;

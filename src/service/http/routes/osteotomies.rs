@@ -5,7 +5,7 @@ use axum::response::{IntoResponse, Response};
 
 use super::results::{FormatQuery, send_surface};
 use crate::http::dto::{OsteotomyList, OsteotomyView};
-use crate::http::extract::{Creating, Ids, Params};
+use crate::http::extract::{CreateBody, Ids, Params};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
 use prosopon_contract::{CreateOsteotomy, Fault, FaultKind, OsteotomyDocument, from_json};
@@ -23,7 +23,7 @@ use prosopon_store::{OsteotomyId, OsteotomyRecord, SessionId, decode_mesh};
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
-    creating: Creating<CreateOsteotomy>,
+    creating: CreateBody<CreateOsteotomy>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
@@ -133,7 +133,7 @@ pub(super) async fn find(state: &AppState, session: SessionId, id: OsteotomyId) 
 }
 
 /// The osteotomy that a request names; fails with stale if the bone has changed since the cut.
-pub(super) async fn fresh_osteotomy(
+pub(super) async fn current_osteotomy(
     state: &AppState,
     parts: &SessionParts,
     session: SessionId,

@@ -3,9 +3,9 @@ use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::osteotomies::fresh_osteotomy;
+use super::osteotomies::current_osteotomy;
 use crate::http::dto::{PlanList, PlanView};
-use crate::http::extract::{Creating, Ids};
+use crate::http::extract::{CreateBody, Ids};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{CreatePlan, FaultKind, Findings, PlanDocument, Segments, from_json, stored_cuts, to_json};
 use prosopon_jobs::make_plan;
@@ -22,14 +22,14 @@ use prosopon_store::{OsteotomyId, PlanId, PlanRecord, SessionId, now_rfc3339};
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
-    creating: Creating<CreatePlan>,
+    creating: CreateBody<CreatePlan>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
     let osteotomy = request.osteotomy.map(OsteotomyId::from);
     let content = match osteotomy {
         Some(osteotomy) => {
-            let (_, bone) = fresh_osteotomy(&state, &parts, session, osteotomy, "/osteotomy").await?;
+            let (_, bone) = current_osteotomy(&state, &parts, session, osteotomy, "/osteotomy").await?;
             let (label, plan) = request.check(&Segments::from(&bone).with_landmarks(parts.landmarks()?))?;
             make_plan(&state.service, &parts, stored_cuts(&bone.cuts)?, plan, label).await?
         }

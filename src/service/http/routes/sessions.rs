@@ -8,7 +8,7 @@ use uuid::Uuid;
 
 use crate::http::auth::Principal;
 use crate::http::dto::{JobView, SessionList, SessionView};
-use crate::http::extract::{Creating, Ids, Params, page_length};
+use crate::http::extract::{CreateBody, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{CreateSession, FaultKind, to_json};
 use prosopon_session::SessionParts;
@@ -37,7 +37,7 @@ pub(in crate::http) struct Page {
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     principal: Principal,
-    creating: Creating<CreateSession>,
+    creating: CreateBody<CreateSession>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let request = request.check()?;

@@ -10,7 +10,7 @@ use prosopon_store::{JobId, JobKind, JobState, SessionId};
 const MAX_DEPTH: usize = 16;
 
 /// Makes `solve` start from the end state of the job `id`.
-pub(super) async fn begin_at(
+pub(super) async fn with_warm_start(
     state: &AppState,
     principal: &Principal,
     session: SessionId,

@@ -28,7 +28,7 @@ async fn usable(context: &Context, key: &str, compared: &str) -> Result<Option<S
     let store = &context.service.store;
     let read = async {
         match store.blobs().get(key).await {
-            Err(StoreError::BlobGone { .. } | StoreError::BucketRefused(_) | StoreError::Damaged { .. }) => Ok(None),
+            Err(StoreError::BlobGone { .. } | StoreError::BucketDenied(_) | StoreError::Damaged { .. }) => Ok(None),
             read => read.map(Some),
         }
     };

@@ -200,18 +200,18 @@ async fn steps_are_kept_and_the_same_one_is_told_once(store: Store) {
     let id = add_session(&store, "a").await.id;
     accept(&store, id, "1").await;
     let running = claim(&store).await.unwrap();
-    let told = [("step", "{\"k\":1}".to_owned())];
+    let reported = [("step", "{\"k\":1}".to_owned())];
     let frame = blob(&store, id, b"frame").await;
-    assert_eq!(store.commit_step(&running, &step(1, &frame), &told).await.unwrap(), StepWritten::New(None));
+    assert_eq!(store.commit_step(&running, &step(1, &frame), &reported).await.unwrap(), StepWritten::New(None));
     let same = blob(&store, id, b"frame").await;
     // The regions of the face may have changed meanwhile.
     let again = StepRecord { error: Some("{}".to_owned()), ..step(1, &same) };
-    assert_eq!(store.commit_step(&running, &again, &told).await.unwrap(), StepWritten::Same);
+    assert_eq!(store.commit_step(&running, &again, &reported).await.unwrap(), StepWritten::Same);
     assert!(store.blobs().get(&same.key).await.is_err());
     let kept = store.step(running.id, 1).await.unwrap().unwrap();
     assert_eq!((kept.blob, kept.error), (frame.key.clone(), again.error));
     let other = blob(&store, id, b"other").await;
-    let replaced = store.commit_step(&running, &step(1, &other), &told).await.unwrap();
+    let replaced = store.commit_step(&running, &step(1, &other), &reported).await.unwrap();
     assert_eq!(replaced, StepWritten::New(Some(frame.key.clone())));
     assert!(store.blobs().get(&frame.key).await.is_err());
     let kinds: Vec<String> = store.events(running.id, 0).await.unwrap().into_iter().map(|e| e.kind).collect();
@@ -272,14 +272,14 @@ async fn a_checkpoint_is_there_for_who_takes_a_job_over_and_goes_with_its_end(st
 
 async fn a_job_that_begins_again_has_no_steps_and_no_checkpoint(store: Store) {
     let id = add_session(&store, "a").await.id;
-    let told = [("step", "{}".to_owned())];
+    let reported = [("step", "{}".to_owned())];
     let mut rows = Vec::new();
     for request in ["other", "again"] {
         accept(&store, id, request).await;
         let running = claim(&store).await.unwrap();
         for k in 1..=2 {
             let frame = blob(&store, id, format!("{request} {k}").as_bytes()).await;
-            store.commit_step(&running, &step(k, &frame), &told).await.unwrap();
+            store.commit_step(&running, &step(k, &frame), &reported).await.unwrap();
         }
         store.set_checkpoint(&running, &blob(&store, id, b"checkpoint").await).await.unwrap();
         rows.push(running);
@@ -303,7 +303,7 @@ async fn a_job_that_begins_again_has_no_steps_and_no_checkpoint(store: Store) {
     }
     assert_eq!(store.session_bytes(id).await.unwrap(), 2 * "other 1".len() as u64);
     let frame = blob(&store, id, b"again 1").await;
-    assert_eq!(store.commit_step(&second, &step(1, &frame), &told).await.unwrap(), StepWritten::New(None));
+    assert_eq!(store.commit_step(&second, &step(1, &frame), &reported).await.unwrap(), StepWritten::New(None));
     // Other jobs keep their steps and checkpoints.
     assert_eq!(store.steps(other.id).await.unwrap().len(), 2);
     let checkpoint = store.job(other.id).await.unwrap().unwrap().checkpoint_blob.unwrap();

@@ -38,7 +38,7 @@ async fn a_hidden_session_answers_as_deleted_until_it_is_restored(store: Store) 
     tokio::time::sleep(Duration::from_millis(5)).await;
     assert_eq!(store.hidden_sessions(Duration::ZERO).await.unwrap(), std::slice::from_ref(&hidden));
     // Maintenance that ran late must not make it visible.
-    store.forget_old_answers(Duration::ZERO).await.unwrap();
+    store.delete_old_answers(Duration::ZERO).await.unwrap();
     assert_eq!(store.hidden_sessions(Duration::ZERO).await.unwrap(), std::slice::from_ref(&hidden));
     assert!(store.is_deleted(&job.to_string()).await.unwrap());
     assert!(store.restore_session(hidden.id).await.unwrap());
@@ -61,15 +61,15 @@ async fn answers_are_remembered_by_tenant_and_key(store: Store) {
     let record = session("a");
     store.insert_session(&record, Some(&answer("a", "k", record.id))).await.unwrap();
     let (a, b): (TenantId, TenantId) = ("a".parse().unwrap(), "b".parse().unwrap());
-    assert!(matches!(store.remembered(&a, "k", "abc").await.unwrap(), Remembered::Answer(a) if a.status == 201));
-    assert_eq!(store.remembered(&a, "k", "other").await.unwrap(), Remembered::OtherRequest);
-    assert_eq!(store.remembered(&b, "k", "abc").await.unwrap(), Remembered::Nothing);
+    assert!(matches!(store.remembered(&a, "k", "abc").await.unwrap(), StoredAnswer::Answer(a) if a.status == 201));
+    assert_eq!(store.remembered(&a, "k", "other").await.unwrap(), StoredAnswer::OtherRequest);
+    assert_eq!(store.remembered(&b, "k", "abc").await.unwrap(), StoredAnswer::Nothing);
     let second = session("a");
     let taken = store.insert_session(&second, Some(&answer("a", "k", second.id))).await;
     assert!(matches!(taken, Err(StoreError::KeyTaken)));
     assert_eq!(store.session(second.id).await.unwrap(), None, "both or none");
     store.delete_session(record.id).await.unwrap();
-    assert_eq!(store.remembered(&a, "k", "abc").await.unwrap(), Remembered::Nothing);
+    assert_eq!(store.remembered(&a, "k", "abc").await.unwrap(), StoredAnswer::Nothing);
 }
 
 async fn parts_replace_each_other_within_the_quota(store: Store) {
@@ -215,7 +215,7 @@ async fn idle_sessions_are_found(store: Store) {
     assert_eq!(store.idle_sessions(Duration::ZERO).await.unwrap(), std::slice::from_ref(&idle));
     assert_eq!(store.last_used(idle.id).await.unwrap(), Some(idle.created_at.clone()));
     assert_eq!(store.last_used(SessionId::new()).await.unwrap(), None);
-    store.forget_old_answers(Duration::ZERO).await.unwrap();
+    store.delete_old_answers(Duration::ZERO).await.unwrap();
 }
 
 async fn the_end_of_the_audit_log_is_noted(store: Store) {

@@ -38,8 +38,8 @@ async fn a_bucket_of_other_rows_is_refused_before_anything_in_it_is_removed() {
     store.put_parts(session, &[part_with(PartKind::Skin, &skin)]).await.unwrap();
     opened(&own, &bucket).await.unwrap();
     let refused = async |database: &str, bucket: &str, words: &str| {
-        let told = opened(database, bucket).await.unwrap_err().to_string();
-        assert!(told.contains(words) && told.contains(bucket), "{told}");
+        let reported = opened(database, bucket).await.unwrap_err().to_string();
+        assert!(reported.contains(words) && reported.contains(bucket), "{reported}");
     };
     refused(&other, &bucket, "the results of another database").await;
     refused(&own, &empty, "has results that it does not hold").await;
@@ -61,8 +61,8 @@ async fn a_bucket_of_other_rows_is_refused_before_anything_in_it_is_removed() {
 #[tokio::test]
 async fn files_of_a_directory_stay_when_its_rows_are_named_elsewhere_or_no_more() {
     let database = fresh_database().await;
-    let elsewhere = Places { database: Some(database.parse().unwrap()), blobs: None };
-    for (first, then) in [(Places::default(), elsewhere.clone()), (elsewhere, Places::default())] {
+    let elsewhere = StoreLocation { database: Some(database.parse().unwrap()), blobs: None };
+    for (first, then) in [(StoreLocation::default(), elsewhere.clone()), (elsewhere, StoreLocation::default())] {
         let directory = tempfile::tempdir().unwrap();
         let store = Store::open_at(directory.path(), &first).await.unwrap();
         let session = add_session(&store, "a").await.id;
@@ -84,10 +84,10 @@ async fn of_those_that_share_rows_one_keeps_house() {
     let [first, second] = directories.each_ref().map(|d| open_shared(d.path(), &database, &bucket));
     let (first, second) = (first.await, second.await);
     let every = Duration::from_millis(500);
-    assert!(first.takes_turn(every).await.unwrap());
-    assert!(!second.takes_turn(every).await.unwrap() && !first.takes_turn(every).await.unwrap());
+    assert!(first.claims_maintenance(every).await.unwrap());
+    assert!(!second.claims_maintenance(every).await.unwrap() && !first.claims_maintenance(every).await.unwrap());
     tokio::time::sleep(every).await;
-    let both = tokio::join!(first.takes_turn(every), second.takes_turn(every));
+    let both = tokio::join!(first.claims_maintenance(every), second.claims_maintenance(every));
     assert_ne!(both.0.unwrap(), both.1.unwrap());
 }
 
@@ -204,7 +204,7 @@ async fn what_is_written_again_after_a_lost_answer_stays() {
     for blob in [rest, frame, tissue] {
         assert!(store.blobs().get(&blob.key).await.is_ok());
     }
-    assert_eq!(store.events(running.id, 0).await.unwrap().len(), 3, "told once");
+    assert_eq!(store.events(running.id, 0).await.unwrap().len(), 3, "reported once");
 }
 
 /// Cancels calls at every await in turn, as when clients leave.
@@ -214,7 +214,7 @@ async fn what_is_written_again_after_a_lost_answer_stays() {
 async fn calls_that_are_broken_off_leave_no_transaction_behind() {
     let database = fresh_database().await;
     let directories = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let places = Places { database: Some(database.parse().unwrap()), blobs: None };
+    let places = StoreLocation { database: Some(database.parse().unwrap()), blobs: None };
     let store = Store::open_at(directories[0].path(), &places).await.unwrap();
     let other = Store::open_at(directories[1].path(), &places).await.unwrap();
     let id = add_session(&store, "a").await.id;
@@ -300,17 +300,17 @@ async fn a_bucket_that_says_nothing_holds_up_no_change_of_rows() {
 async fn a_server_that_lets_nobody_in_is_one_that_is_away() {
     let database = fresh_database().await;
     let mut own = <sqlx::PgConnection as sqlx::Connection>::connect(&database).await.unwrap();
-    let mut told = async |order: &'static str| sqlx::raw_sql(order).execute(&mut own).await.unwrap();
-    told("CREATE ROLE ward LOGIN SUPERUSER PASSWORD 'key'").await;
+    let mut reported = async |order: &'static str| sqlx::raw_sql(order).execute(&mut own).await.unwrap();
+    reported("CREATE ROLE ward LOGIN SUPERUSER PASSWORD 'key'").await;
     let (_, server) = database.split_once('@').unwrap();
     let (directory, bucket) = (tempfile::tempdir().unwrap(), Bucket::start().await);
     let store = open_shared(directory.path(), &format!("postgres://ward:key@{server}"), &bucket).await;
     let kept = add_session(&store, "a").await;
-    told("ALTER ROLE ward NOLOGIN; SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE usename = 'ward'")
+    reported("ALTER ROLE ward NOLOGIN; SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE usename = 'ward'")
         .await;
     let refused = store.session(kept.id).await;
     assert!(matches!(refused, Err(StoreError::Unreachable(_))), "{refused:?}");
-    told("ALTER ROLE ward LOGIN").await;
+    reported("ALTER ROLE ward LOGIN").await;
     assert_eq!(store.session(kept.id).await.unwrap(), Some(kept));
 }
 
@@ -337,7 +337,7 @@ async fn databases_of_other_formats_are_refused() {
     let refused = database.parse::<DatabaseUrl>().unwrap().migrate().await;
     assert!(matches!(refused, Err(StoreError::ForeignTables)), "{refused:?}");
     let data = tempfile::tempdir().unwrap();
-    let away = Places { database: Some("postgres://127.0.0.1:1/none".parse().unwrap()), blobs: None };
+    let away = StoreLocation { database: Some("postgres://127.0.0.1:1/none".parse().unwrap()), blobs: None };
     let refused = Store::open_at(data.path(), &away).await;
     assert!(matches!(refused, Err(StoreError::Unreachable(_))), "{refused:?}");
 }

@@ -12,16 +12,16 @@ const CHANNEL: &str = "prosopon";
 const QUEUE: &str = "queue";
 
 /// Notifications of the server; the listener reconnects by itself.
-struct Told(PgListener);
+struct Notifications(PgListener);
 
 pub(super) async fn changes(pool: &PgPool) -> Result<Changes> {
     let mut listener = PgListener::connect_with(pool).await?;
     listener.listen(CHANNEL).await?;
-    Ok(Changes::of(Told(listener)))
+    Ok(Changes::of(Notifications(listener)))
 }
 
 #[async_trait::async_trait]
-impl crate::changes::Source for Told {
+impl crate::changes::Source for Notifications {
     async fn next(&mut self, patience: Duration) -> bool {
         // A lost notification delays a job by `patience` at most.
         let mut queue = match tokio::time::timeout(patience, self.0.recv()).await {

@@ -1,6 +1,6 @@
 use super::{Pool, Result, Transaction};
 use crate::records::now_rfc3339;
-use crate::{AnswerRecord, Remembered, StoreError, TenantId};
+use crate::{AnswerRecord, StoreError, StoredAnswer, TenantId};
 
 /// Stores the answer in the transaction that creates the thing, so that either both exist or neither.
 pub(super) async fn remember(transaction: &mut Transaction<'_>, answer: Option<&AnswerRecord>) -> Result<()> {
@@ -32,7 +32,7 @@ pub(super) async fn remembered(
     tenant: &TenantId,
     key: &str,
     request_sha256: &str,
-) -> Result<Remembered> {
+) -> Result<StoredAnswer> {
     type Row = (String, i64, Option<String>, Option<String>, String);
     let row: Option<Row> = sqlx::query_as(
         "SELECT request_sha256, status, location, retry_after, body FROM answers WHERE tenant = $1 AND key = $2",
@@ -41,11 +41,11 @@ pub(super) async fn remembered(
     .bind(key)
     .fetch_optional(reader)
     .await?;
-    let Some((found, status, location, retry_after, body)) = row else { return Ok(Remembered::Nothing) };
+    let Some((found, status, location, retry_after, body)) = row else { return Ok(StoredAnswer::Nothing) };
     if found != request_sha256 {
-        return Ok(Remembered::OtherRequest);
+        return Ok(StoredAnswer::OtherRequest);
     }
-    Ok(Remembered::Answer(AnswerRecord {
+    Ok(StoredAnswer::Answer(AnswerRecord {
         tenant: tenant.clone(),
         key: key.to_owned(),
         request_sha256: found,

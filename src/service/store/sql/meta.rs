@@ -3,11 +3,11 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 
-use super::{Meta, Result, anchor, answers, contents, events, house, jobs, parts, plans, queue, sessions, steps};
+use super::{Meta, Result, anchor, answers, contents, events, jobs, maintenance, parts, plans, queue, sessions, steps};
 use crate::{
     AnswerRecord, BlobInfo, Changes, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState,
-    Lane, MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
-    SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, TenantId,
+    Lane, MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord,
+    SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, StoredAnswer, TenantId,
 };
 
 #[async_trait]
@@ -70,7 +70,7 @@ impl MetaStore for Meta {
         sessions::is_deleted(self.reader(), id).await
     }
 
-    async fn remembered(&self, tenant: &TenantId, key: &str, request_sha256: &str) -> Result<Remembered> {
+    async fn remembered(&self, tenant: &TenantId, key: &str, request_sha256: &str) -> Result<StoredAnswer> {
         answers::remembered(self.reader(), tenant, key, request_sha256).await
     }
 
@@ -219,11 +219,11 @@ impl MetaStore for Meta {
     }
 
     async fn name(&self, fresh: &str) -> Result<String> {
-        house::name(self.writer(), fresh).await
+        maintenance::name(self.writer(), fresh).await
     }
 
-    async fn take_turn(&self, every: Duration) -> Result<bool> {
-        house::take_turn(self.writer(), every).await
+    async fn claim_maintenance(&self, every: Duration) -> Result<bool> {
+        maintenance::claim_maintenance(self.writer(), every).await
     }
 
     async fn named_blobs(&self) -> Result<BTreeSet<String>> {

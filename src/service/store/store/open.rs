@@ -10,7 +10,7 @@ use uuid::Uuid;
 
 use super::{Result, Store};
 use crate::directory::{BLOBS, LOCAL_LOG, create_private, given_log_name, lock};
-use crate::place::{BucketUrl, Places};
+use crate::location::{BucketUrl, StoreLocation};
 use crate::postgres::PostgresMeta;
 use crate::sqlite::{self, SqliteMeta};
 use crate::{Blobs, MetaStore, StoreError};
@@ -24,7 +24,7 @@ impl Store {
     /// [`StoreError::InUse`] when another process has the directory open; [`StoreError::Newer`] and [`StoreError::Foreign`] when
     /// another version or program wrote it; else the disk's or the database's.
     pub fn open(directory: &Path) -> LocalBoxFuture<'_, Result<Self>> {
-        Box::pin(async move { Self::open_at(directory, &Places::default()).await })
+        Box::pin(async move { Self::open_at(directory, &StoreLocation::default()).await })
     }
 
     /// Opens or creates a store with its rows in a database or its blobs in a bucket.
@@ -33,8 +33,8 @@ impl Store {
     ///
     /// # Errors
     /// As [`Store::open`]; [`StoreError::Unreachable`], [`StoreError::ForeignTables`], [`StoreError::Bucket`],
-    /// [`StoreError::BucketAway`], [`StoreError::ForeignBlobs`].
-    pub fn open_at<'a>(directory: &'a Path, places: &'a Places) -> LocalBoxFuture<'a, Result<Self>> {
+    /// [`StoreError::BucketUnreachable`], [`StoreError::ForeignBlobs`].
+    pub fn open_at<'a>(directory: &'a Path, places: &'a StoreLocation) -> LocalBoxFuture<'a, Result<Self>> {
         Box::pin(async move {
             let objects = places.blobs.as_ref().map(BucketUrl::open).transpose()?;
             Self::open_over(directory, places, objects).await
@@ -44,7 +44,7 @@ impl Store {
     /// Same as [`Store::open_at`] with an open bucket.
     pub(crate) async fn open_over(
         directory: &Path,
-        places: &Places,
+        places: &StoreLocation,
         objects: Option<Arc<dyn ObjectStore>>,
     ) -> Result<Self> {
         create_private(directory)?;
@@ -61,7 +61,7 @@ impl Store {
         let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), _lock: Some(Arc::new(lock)) };
         store.check_belonging(directory, places).await?;
         // In a shared store another process may be about to name a blob that it has stored, so only a local store is swept.
-        if *places == Places::default() {
+        if *places == StoreLocation::default() {
             let swept = store.sweep(Duration::ZERO).await?;
             if swept > 0 {
                 tracing::info!(files = swept, "removed blobs that no row names");
@@ -75,12 +75,12 @@ impl Store {
     /// Otherwise a sweep would remove the blobs that the rows do not name.
     ///
     /// At the first start the database and the bucket get one common name. A store entirely in its directory needs none.
-    async fn check_belonging(&self, directory: &Path, places: &Places) -> Result<()> {
+    async fn check_belonging(&self, directory: &Path, places: &StoreLocation) -> Result<()> {
         let at =
             || places.blobs.as_ref().map_or_else(|| directory.join(BLOBS).display().to_string(), ToString::to_string);
         let refused = |detail| Err(StoreError::ForeignBlobs { place: at(), detail });
         let mut found = self.blobs.name().await?;
-        if found.is_none() && *places == Places::default() {
+        if found.is_none() && *places == StoreLocation::default() {
             return Ok(());
         }
         let name = self.meta.name(&Uuid::now_v7().to_string()).await?;

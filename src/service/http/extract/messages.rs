@@ -4,7 +4,7 @@
 const LONGEST: usize = 60;
 
 /// A reader's message in the API's terms. The JSON pointer gives the location.
-pub(super) fn plain(message: &str) -> String {
+pub(super) fn api_message(message: &str) -> String {
     let message = message.rfind(" at line ").map_or(message, |end| &message[..end]);
     for kind in ["invalid type: ", "invalid value: "] {
         if let Some((found, wanted)) = message.strip_prefix(kind).and_then(|rest| rest.rsplit_once(", expected ")) {
@@ -101,14 +101,14 @@ mod tests {
             ("UUID parsing failed: invalid character: found `x` at 0", "expected a UUID"),
             ("invalid float literal", "expected a number"),
         ] {
-            assert_eq!(plain(message), expected);
+            assert_eq!(api_message(message), expected);
         }
     }
 
     #[test]
     fn echoes_are_short() {
         let long = "9".repeat(500);
-        assert!(plain(&format!("invalid type: string \"{long}\", expected f64")).len() < 120);
-        assert!(plain(&format!("unknown field `{long}`, expected `x`")).len() < 120);
+        assert!(api_message(&format!("invalid type: string \"{long}\", expected f64")).len() < 120);
+        assert!(api_message(&format!("unknown field `{long}`, expected `x`")).len() < 120);
     }
 }

@@ -12,7 +12,7 @@ use crate::http::problem::PROBLEM_JSON;
 use prosopon_contract::FaultKind;
 
 /// Turns panics, time-outs and error answers of libraries into problem documents.
-pub(in crate::http) async fn safety_net(State(limit): State<Duration>, request: Request, next: Next) -> Response {
+pub(in crate::http) async fn catch_errors(State(limit): State<Duration>, request: Request, next: Next) -> Response {
     let answer = AssertUnwindSafe(next.run(request)).catch_unwind();
     let response = match tokio::time::timeout(limit, answer).await {
         Ok(Ok(response)) => response,

@@ -15,14 +15,14 @@ use super::{StoreError, postgres};
 
 /// Where a store keeps rows and blobs; `None` means in the data directory.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Places {
+pub struct StoreLocation {
     /// Database of the rows.
     pub database: Option<DatabaseUrl>,
     /// Bucket of the blobs.
     pub blobs: Option<BucketUrl>,
 }
 
-impl Places {
+impl StoreLocation {
     /// Description for messages, without the password.
     #[must_use]
     pub fn with_directory(&self, data: &FsPath) -> String {

@@ -12,7 +12,7 @@ pub(super) async fn name(writer: &Pool, fresh: &str) -> Result<String> {
     Ok(sqlx::query_scalar("SELECT name FROM store").fetch_one(writer).await?)
 }
 
-pub(super) async fn take_turn(writer: &Pool, every: Duration) -> Result<bool> {
+pub(super) async fn claim_maintenance(writer: &Pool, every: Duration) -> Result<bool> {
     let turn = format!("UPDATE store SET house_kept = {NOW_MS} WHERE house_kept + $1 <= {NOW_MS}");
     let turn = sqlx::query(AssertSqlSafe(turn)).bind(milliseconds(every)).execute(writer).await?;
     Ok(turn.rows_affected() == 1)

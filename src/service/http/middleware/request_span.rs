@@ -22,7 +22,7 @@ pub(in crate::http) fn request_id() -> Option<String> {
 }
 
 /// Gives the request an id, a span and metrics. Neither bodies nor queries are logged.
-pub(in crate::http) async fn envelope(request: Request, next: Next) -> Response {
+pub(in crate::http) async fn request_span(request: Request, next: Next) -> Response {
     let id = given_id(&request).unwrap_or_else(|| Uuid::now_v7().to_string());
     let route = request.extensions().get::<MatchedPath>().map_or("unmatched", MatchedPath::as_str).to_owned();
     let method = request.method().clone();

@@ -14,19 +14,19 @@ use tokio_io_timeout::TimeoutStream;
 ///
 /// So slow clients cannot hold memory and file descriptors.
 #[derive(Debug, Clone)]
-pub(super) struct Patience<A> {
+pub(super) struct LimitingAcceptor<A> {
     inner: A,
     stalled: Duration,
     connections: Arc<Semaphore>,
 }
 
-impl<A> Patience<A> {
+impl<A> LimitingAcceptor<A> {
     pub(super) fn new(inner: A, stalled: Duration, most: usize) -> Self {
         Self { inner, stalled, connections: Arc::new(Semaphore::new(most.min(Semaphore::MAX_PERMITS))) }
     }
 }
 
-impl<A, I, S> Accept<I, S> for Patience<A>
+impl<A, I, S> Accept<I, S> for LimitingAcceptor<A>
 where
     A: Accept<I, S> + Clone + Send + 'static,
     A::Stream: AsyncRead + AsyncWrite + Send,
@@ -35,7 +35,7 @@ where
     I: Send + 'static,
     S: Send + 'static,
 {
-    type Stream = Watched<A::Stream>;
+    type Stream = WriteTimeoutStream<A::Stream>;
     type Service = A::Service;
     type Future = BoxFuture<'static, io::Result<(Self::Stream, Self::Service)>>;
 
@@ -48,19 +48,19 @@ where
                 return Err(io::Error::other("too many connections"));
             };
             let (stream, service) = inner.accept(stream, service).await?;
-            Ok((Watched::new(stream, stalled, permit), service))
+            Ok((WriteTimeoutStream::new(stream, stalled, permit), service))
         })
     }
 }
 
 /// A connection that fails when a write waits too long.
 #[derive(Debug)]
-pub(super) struct Watched<T> {
+pub(super) struct WriteTimeoutStream<T> {
     stream: Pin<Box<TimeoutStream<T>>>,
     _permit: OwnedSemaphorePermit,
 }
 
-impl<T: AsyncRead + AsyncWrite> Watched<T> {
+impl<T: AsyncRead + AsyncWrite> WriteTimeoutStream<T> {
     fn new(stream: T, stalled: Duration, permit: OwnedSemaphorePermit) -> Self {
         let mut stream = TimeoutStream::new(stream);
         stream.set_write_timeout(Some(stalled));
@@ -78,13 +78,13 @@ fn counted<R>(written: Poll<io::Result<R>>) -> Poll<io::Result<R>> {
     written
 }
 
-impl<T: AsyncRead + AsyncWrite> AsyncRead for Watched<T> {
+impl<T: AsyncRead + AsyncWrite> AsyncRead for WriteTimeoutStream<T> {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         self.stream.as_mut().poll_read(cx, buffer)
     }
 }
 
-impl<T: AsyncRead + AsyncWrite> AsyncWrite for Watched<T> {
+impl<T: AsyncRead + AsyncWrite> AsyncWrite for WriteTimeoutStream<T> {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         counted(self.stream.as_mut().poll_write(cx, bytes))
     }
@@ -120,7 +120,7 @@ mod tests {
     async fn a_client_that_takes_nothing_is_let_go() {
         let (here, there) = tokio::io::duplex(16);
         let permit = Arc::new(Semaphore::new(1)).try_acquire_owned().unwrap();
-        let mut watched = Watched::new(here, Duration::from_millis(50), permit);
+        let mut watched = WriteTimeoutStream::new(here, Duration::from_millis(50), permit);
         let error = watched.write_all(&[0; 64]).await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
         drop(there);

@@ -306,7 +306,7 @@ impl Tally {
         if share > 0.99 {
             let found =
                 "the surface is inside out (its normals point inwards); its enclosed volume still counts as inside";
-            Some(Warning::info("inside-out", found))
+            Some(Warning::info("surface-inside-out", found))
         } else if self.n_inverted > 0 {
             let found = format!("normals point inwards around {:.2} % of the inside; it stays inside", 100.0 * share);
             Some(Warning::check("partly-inside-out", found).act("Check the orientation of the surface's parts."))

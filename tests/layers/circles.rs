@@ -60,6 +60,10 @@ fn paths_named(text: &str) -> Vec<Named> {
         for (at, _) in text.match_indices(root) {
             let rest = &text[at..];
             let end = rest.find(|c: char| !c.is_alphanumeric() && c != '_' && c != ':').unwrap_or(rest.len());
+            // A group belongs to a use, which was read above.
+            if rest[end..].starts_with('{') {
+                continue;
+            }
             found.extend(leaves(&rest[..end]).into_iter().map(|path| Named { path, published: false }));
         }
     }

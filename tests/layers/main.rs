@@ -93,8 +93,16 @@ fn files_of(package: &Package) -> Vec<PathBuf> {
 
 /// The production code of a file, without comment lines and without the text after an unindented `#[cfg(test)] mod`.
 fn production(text: &str) -> String {
-    let text = text.split("\n#[cfg(test)]\nmod ").next().unwrap_or(text);
-    text.lines().filter(|line| !line.trim_start().starts_with("//")).map(|line| format!("{line}\n")).collect()
+    let mut before = text;
+    for (at, begin) in text.match_indices("\n#[cfg(test)]\nmod ") {
+        let declared = text[at + begin.len()..].lines().next().unwrap_or("");
+        // A declaration `mod tests;` has nothing below it that belongs to the tests.
+        if declared.ends_with('{') {
+            before = &text[..at];
+            break;
+        }
+    }
+    before.lines().filter(|line| !line.trim_start().starts_with("//")).map(|line| format!("{line}\n")).collect()
 }
 
 fn identifier(text: &str) -> &str {

@@ -35,7 +35,7 @@ fn a_surface_inside_out_bounds_the_same_solid_and_is_reported() {
     let half = Vector::new(5.0, 3.0, 4.0);
     let (field, report) = built(&flipped(&block(Point::origin(), half), |_| true));
     assert_eq!(wrong_signs(&field, 8.0, 0.05, |p| block_distance(Point::origin(), half, p)), 0);
-    assert!(report.warnings.iter().any(|w| w.code == "inside-out"), "{:?}", report.warnings);
+    assert!(report.warnings.iter().any(|w| w.code == "surface-inside-out"), "{:?}", report.warnings);
 }
 
 #[test]

@@ -49,7 +49,7 @@ pub enum ImportError {
     },
     /// The size is so small or large that the unit cannot be millimetres.
     #[error(
-        "the bounding box has a diagonal of {found_mm:?} mm, expected {min_mm} to {max_mm} mm (a head has 100 to 600 mm): \
+        "the bounding box has a diagonal of {found_mm:.1} mm, expected {min_mm} to {max_mm} mm (a head has 100 to 600 mm): \
          check whether the file is in metres or another unit"
     )]
     ImplausibleSize {

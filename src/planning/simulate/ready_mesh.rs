@@ -387,7 +387,7 @@ fn whole_numbers(
 fn tissues(volume: &VolumeMesh, warnings: &mut Vec<Warning>) -> Result<Vec<Tissue>, ReadyMeshError> {
     let Some(array) = volume.cell_array("tissue") else {
         let message = "there is no cell array `tissue`: wedges are taken as skin, tetrahedra as fat";
-        warnings.push(Warning::info("no-tissue-array", message));
+        warnings.push(Warning::check("no-tissue-array", message).act("Add the array, or check its spelling."));
         let guess = |cell: &Cell| match cell {
             Cell::Tetrahedron(_) => Tissue::Fat,
             Cell::Wedge(_) => Tissue::Skin,
@@ -407,7 +407,7 @@ fn tissues(volume: &VolumeMesh, warnings: &mut Vec<Warning>) -> Result<Vec<Tissu
 fn attachments(volume: &VolumeMesh, warnings: &mut Vec<Warning>) -> Result<Vec<Attachment>, ReadyMeshError> {
     let Some(array) = volume.point_array("attachment") else {
         let message = "there is no point array `attachment`: no point is tied to bone or slides on it";
-        warnings.push(Warning::info("no-attachment-array", message));
+        warnings.push(Warning::check("no-attachment-array", message).act("Add the array, or check its spelling."));
         return Ok(vec![Attachment::Free; volume.points.len()]);
     };
     let numbers = whole_numbers(array, "point", "attachment", -2, i64::from(u32::MAX))?;

@@ -75,7 +75,7 @@ pub(super) const MAX_SWEEPS: usize = 200;
 /// Sweeps end when no vertex moves farther than this, mm.
 pub(super) const CONVERGED_MM: f64 = 1e-4;
 /// Share of the region's skin vertices on no prism from which the skin should be checked: folds and nostrils have less.
-pub(super) const MAX_OFF_PRISMS_SHARE: f64 = 0.02;
+pub(super) const MAX_OFF_PRISMS_SHARE: f64 = 0.05;
 /// Displacement beside left-out tissue above which the result should be checked, mm: about a third of a voxel, which is the
 /// accuracy of the skin.
 pub(super) const MAX_BORDER_MM: f64 = 0.5;

@@ -135,7 +135,7 @@ mod tests {
     fn notes_are_no_warnings_and_older_texts_are_read() {
         let found: Findings = [
             Warning::info("stiff-elements", "elements are stiff"),
-            Warning::unreliable("inside-out", "2 elements are inside out").act("Use a smaller step."),
+            Warning::unreliable("inside-out-elements", "2 elements are inside out").act("Use a smaller step."),
             Warning::info("stiff-elements", "elements are stiff"),
         ]
         .into_iter()

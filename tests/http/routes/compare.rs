@@ -249,7 +249,7 @@ async fn unusable_comparisons_are_refused_with_a_reason() {
     // Surfaces far apart give an answer with a warning.
     let far = session_of(&app, &lump, &lump.moved(&Motion::translation(500.0, 0.0, 0.0))).await;
     let warnings = compare(&app, &far, json!({})).await.ok()["warnings"].to_string();
-    assert!(warnings.contains("mm apart") && warnings.contains("registration"), "{warnings}");
+    assert!(warnings.contains("surfaces-apart") && warnings.contains("not-registered"), "{warnings}");
 }
 
 #[tokio::test]

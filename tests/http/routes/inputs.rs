@@ -122,7 +122,7 @@ async fn a_ct_becomes_skin_skull_and_air() {
     assert_eq!(job["status"], "succeeded");
     let warnings = warnings_of(&job);
     assert!(warnings.contains(&"a head-rest was removed".to_owned()), "{warnings:?}");
-    assert!(warnings[0].contains("5.2 mm across"), "the warning of the upload comes first: {warnings:?}");
+    assert!(warnings[0].contains("diagonal of 5.2 mm"), "the warning of the upload comes first: {warnings:?}");
     let parts = app.get(&session).await.ok()["parts"].clone();
     for part in ["ct", "skin", "skull", "air"] {
         assert_eq!(parts[part]["state"], "ready", "{part}");
@@ -171,7 +171,7 @@ async fn unusable_ct_files_are_refused() {
     for (file, words) in [
         (broken(344, b"xyz\0"), "header"),
         (broken(42, &0i16.to_le_bytes()), "dimensions"),
-        (broken(42, &20_000i16.to_le_bytes()), "mm across"),
+        (broken(42, &20_000i16.to_le_bytes()), "bounding box has a diagonal"),
         (broken(42, &200i16.to_le_bytes()), "cut off"),
         (broken(70, &1i16.to_le_bytes()), "data type"),
         (cut_off, "cut off"),

@@ -72,7 +72,7 @@ pub(super) async fn again(
     context.service.persist(|| store.put_parts(context.job.session, &same)).await?;
     tracing::warn!(part = part.kind.as_str(), "a damaged part was made again from the CT");
     let message = format!("the stored {} was damaged and was made again from the CT", part.kind.as_str());
-    context.running.warn(Warning::check("made-again", message).into());
+    context.running.warn(Warning::info("made-again", message).into());
     Ok(Some(context.parts().await?))
 }
 

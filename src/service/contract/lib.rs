@@ -3,6 +3,8 @@
 //! HTTP, jobs, the command line and the store use these types, with one set of defaults and one check that reports all faults
 //! of a request together. Invariants: this crate computes nothing and knows no HTTP; a stored document never changes, and new
 //! versions only add members.
+//!
+//! A type that is stored or shared with jobs belongs here. A type that is only sent belongs in `src/service/http/dto`.
 
 mod attachment;
 mod bounds;

@@ -59,7 +59,7 @@ pub use material::{
     D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument,
     UnstableMaterialName, VolumetricName,
 };
-pub use material_check::{check_material, file_material};
+pub use material_check::check_material;
 pub use mesh::{MeshDocument, MeshRequest};
 pub use motion::{motion_from, motion_parts};
 pub use osteotomy::{

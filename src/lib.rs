@@ -25,8 +25,8 @@
 //! ```
 //!
 //! Geometry, formats, field, tissue and planning know no HTTP, tokio, serialisation, files, network, environment or clock.
-//! Cargo refuses an import against the arrows. `tests/layers` holds the code to what Cargo cannot see: the order of the rooms of a
-//! package, and what the manifests of those five may ask for. Each room's docs state its invariants.
+//! Cargo refuses an import against the arrows. `tests/layers` holds the code to what Cargo cannot see: the order of the top-level
+//! modules of a package, and what the manifests of those five may ask for. Each module's docs state its invariants.
 //!
 //! Units everywhere: mm, N, MPa, s, radian; coordinates patient LPS.
 

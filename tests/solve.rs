@@ -217,7 +217,7 @@ fn bad_scenes_are_refused_with_the_place() {
         ("segments", json!({"1": [[0, 0, 1]]}), "segments.1: invalid type: sequence"),
         ("materials", json!({"skin": ["neo_hookean", 0.45], "fat": {}}), "/materials/skin: invalid type: sequence"),
         ("segments", json!({"1": {"translation_mm": [0, 0, 1e9]}}), "/segments/1/translation_mm/2"),
-        ("bones", json!({"1": "slab.vtu"}), "use STL, PLY or OBJ"),
+        ("bones", json!({"1": "slab.vtu"}), "use STL, PLY, OBJ or VTP"),
         ("relative_residual", json!(0.5), "/relative_residual"),
     ] {
         let mut scene = good.clone();

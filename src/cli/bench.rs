@@ -68,7 +68,7 @@ impl From<MethodName> for Method {
 
 #[derive(Debug, Args)]
 pub(super) struct FieldArguments {
-    /// Surface: STL, PLY or OBJ, mm.
+    /// Surface: STL, PLY, OBJ or VTP, mm.
     #[arg(long)]
     mesh: PathBuf,
     /// Study all builders: CSV file to write; the charts are written next to it.
@@ -111,7 +111,7 @@ pub(super) struct FieldArguments {
 
 #[derive(Debug, Args)]
 pub(super) struct BoundArguments {
-    /// Closed surface: STL, PLY or OBJ, mm.
+    /// Closed surface: STL, PLY, OBJ or VTP, mm.
     #[arg(long)]
     mesh: PathBuf,
     /// Finest spacing, mm.
@@ -127,7 +127,7 @@ pub(super) struct BoundArguments {
 
 #[derive(Debug, Args)]
 pub(super) struct GrowthArguments {
-    /// Surface: STL, PLY or OBJ, mm; the study decimates and subdivides it.
+    /// Surface: STL, PLY, OBJ or VTP, mm; the study decimates and subdivides it.
     #[arg(long)]
     mesh: PathBuf,
     /// CSV file to write; the chart is written next to it.
@@ -163,7 +163,7 @@ pub(super) struct ContactArguments {
 
 #[derive(Debug, Args)]
 pub(super) struct CutArguments {
-    /// Surface of the skull: STL, PLY or OBJ, mm.
+    /// Surface of the skull: STL, PLY, OBJ or VTP, mm.
     #[arg(long)]
     skull: PathBuf,
     /// JSON with `landmarks`, `midline_x_mm`, `occlusal_plane_z_mm` and `le_fort_1_plane`; with it, templates are tried too.

@@ -34,10 +34,10 @@ pub(super) fn far_outside(
 
 /// Lowers the values of `solid` to those of its closing, down to `-depth` (mm).
 ///
-/// A point at distance r from the far outside lies r - closing below the closing surface. As distances are 1-Lipschitz, its
-/// height is the largest min(d(y), closing + spacing) - |x - y| over far nodes y, where d is their distance from the solid. The
-/// best y is passed from node to node, first layer by layer and then in backward and forward sweeps (vector distance
-/// transform, Danielsson 1980).
+/// A point at distance r from the far outside has the height `closing - r` over the closing surface, negative below it. As
+/// distances are 1-Lipschitz, the height at x is the largest `min(d(y), closing + spacing) - |x - y|` over the far nodes y, where
+/// `d(y)` is the distance of y from the solid. Each node keeps the best y of itself and its neighbours, first layer by layer from
+/// the far outside, then in backward and forward sweeps (vector distance transform, Danielsson 1980).
 pub(super) fn close(
     solid: &mut ScalarGrid,
     outside: &[bool],

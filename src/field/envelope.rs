@@ -65,7 +65,7 @@ impl Envelope {
     }
 }
 
-/// Outer envelope of a bone surface with holes and other defects (notes 11 of the reading notes).
+/// Outer envelope of a bone surface with holes and other defects (`src/paper.md`, 11).
 ///
 /// The far outside is the set of points that are farther than `closing_mm` from bone, see at least `min_visibility` of all
 /// directions, and connect to the grid's border over such points. The outside is everything within `closing_mm` of the far

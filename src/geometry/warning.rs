@@ -1,4 +1,7 @@
 //! What a stage noticed that its caller should know.
+//!
+//! Return a warning with the result of the stage: `src/service/jobs/work/report.rs` collects those of a solve in its report. List
+//! its code in `api/warnings.md`; `tests/layers` compares the two.
 
 use std::fmt;
 

@@ -37,7 +37,7 @@ pub(super) fn read_landmarks(path: &Path) -> Result<Landmarks, BenchError> {
     })
 }
 
-/// Reads a surface (STL, PLY or OBJ).
+/// Reads a surface (STL, PLY, OBJ or VTP).
 pub(super) fn read_surface(path: &Path) -> Result<TriMesh, BenchError> {
     let refused = |source| BenchError::Surface { path: path.to_owned(), source };
     let bytes = read(path)?;

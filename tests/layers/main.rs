@@ -1,6 +1,6 @@
 //! Architecture rules that Cargo cannot enforce.
 //!
-//! They limit the direction of imports between the modules ("rooms") of a package, the names that pure packages may use, and the
+//! They limit the direction of imports between the top-level modules of a package, the names that pure packages may use, and the
 //! dependencies in their manifests.
 
 #![allow(clippy::unwrap_used, reason = "a test's own reading of the tree")]
@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A package: its folder and its rooms from the bottom up; a room may import only rooms listed before it.
+/// A package: its folder and its top-level modules from the bottom up; each may import only those listed before it.
 struct Package {
     folder: &'static str,
     rooms: &'static [&'static str],
@@ -131,7 +131,7 @@ fn first_names(path: &str) -> Vec<&str> {
     names
 }
 
-/// The rooms that a file names, by `crate::` or by enough `super::` to leave its own room.
+/// The top-level modules that a file names, by `crate::` or by enough `super::` to leave its own.
 fn rooms_named<'a>(file: &Path, text: &'a str) -> BTreeSet<&'a str> {
     let mut named = BTreeSet::new();
     for (at, _) in text.match_indices("crate::") {
@@ -160,7 +160,7 @@ fn breaches(package: &Package, file: &Path, text: &str) -> Vec<String> {
     let room = file.components().next().unwrap().as_os_str().to_string_lossy().replace(".rs", "");
     if !package.rooms.is_empty() && !["lib", "main"].contains(&room.as_str()) {
         match package.rooms.iter().position(|r| *r == room) {
-            None => found.push(format!("room `{room}` is not in the list")),
+            None => found.push(format!("module `{room}` is not in the list")),
             Some(own) => {
                 let named = rooms_named(file, &text);
                 let above = package.rooms[own + 1..].iter().filter(|other| named.contains(**other));

@@ -18,7 +18,7 @@ import uuid
 
 __all__ = ["Client", "Problem", "JobFailed"]
 
-_MEDIA_TYPES = {".stl": "model/stl", ".ply": "model/ply", ".obj": "model/obj"}
+_MEDIA_TYPES = {".stl": "model/stl", ".ply": "model/ply", ".obj": "model/obj", ".vtp": "model/vtp"}
 _ENDED = ("succeeded", "failed", "cancelled")
 
 

@@ -230,7 +230,7 @@ impl SceneFile {
             let bytes = read(&path)?;
             let format = detect_surface(&bytes).ok_or_else(|| SceneError::Input {
                 path: path.clone(),
-                detail: "unknown surface format: use STL, PLY or OBJ".to_owned(),
+                detail: "unknown surface format: use STL, PLY, OBJ or VTP".to_owned(),
             })?;
             let (mesh, found) = surface(&bytes, format, &Limits::default()).map_err(|e| input(&path, &e))?;
             warnings.extend(found.into_iter().map(|w| w.about(format_args!("bone {segment}"))));

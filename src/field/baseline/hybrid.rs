@@ -41,9 +41,10 @@ impl Octree {
     /// [`FieldError`] for settings out of range, too much memory, or cancellation.
     ///
     /// # Source
-    /// Wang 2009, Algorithm 1, with these departures. The smallest distance keeps its sign (notes 1). A triangle's region is
-    /// its box enlarged by the band, because the prism's own box misses points whose closest feature is a sharp edge. Cells
-    /// without a corner in the band are united whatever the tolerance, and hold distances instead of infinity (notes 4).
+    /// Wang 2009, Algorithm 1, with these departures. The smallest distance keeps its sign (`src/paper.md`, 1). A
+    /// triangle's region is its box enlarged by the band, because the prism's own box misses points whose closest feature is a
+    /// sharp edge. Cells without a corner in the band are united whatever the tolerance, and hold distances instead of infinity
+    /// (`src/paper.md`, 4).
     pub fn hybrid(
         surface: &TriMesh,
         settings: &SampledSettings,

@@ -8,6 +8,15 @@
 //! what all formats share: it checks ranges and the plausible size and drops unused vertices and triangles with a repeated
 //! vertex.
 //!
+//! # Adding a surface format
+//! 1. Write a module with `looks_like` and `read`, which returns a `RawSurface`.
+//! 2. Add a variant to [`SurfaceFormat`], and an arm to [`surface()`].
+//! 3. Give it a place in [`detect_surface`], with the reason there.
+//! 4. In `malformed_tests.rs` add it to `FORMATS` and a file of it to `surfaces()`.
+//! 5. Add its media types to `named_format` in `src/service/http/routes/inputs.rs`, and its name to the texts that list formats
+//!    (search for `VTP`).
+//!
+//! # Crates
 //! Crates read only NIfTI headers, gzip, zip, XML, and the pixels of JPEG, JPEG-LS and JPEG 2000. The crates for surfaces
 //! have these faults:
 //! - `stl_io` reads binary files whose comment begins with "solid" as text.

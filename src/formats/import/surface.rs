@@ -30,6 +30,8 @@ impl SurfaceFormat {
 /// Guesses the format of a surface from its bytes; `None` when no format fits.
 #[must_use]
 pub fn detect_surface(bytes: &[u8]) -> Option<SurfaceFormat> {
+    // PLY begins with its name. The comment of a binary STL may begin with anything, such as a word of XML or OBJ, so its length
+    // is compared with its count before these are tried. OBJ is last: any text whose first statement is one of its words fits.
     if ply::looks_like(bytes) {
         Some(SurfaceFormat::Ply)
     } else if stl::looks_like(bytes) {

@@ -21,9 +21,11 @@ use prosopon_geometry::{Point, ScalarGrid, Warning};
 /// The inside nodes of the envelope's grid are flooded over the grid edges that no cut crosses. Segment 0 is the largest
 /// piece of the largest connected part of the bone, together with the parts that were separate before (a free mandible,
 /// vertebrae) and that no cut divides or frees. The other pieces of divided parts, and the freed parts, get numbers from 1 by
-/// falling volume. A cut that ends inside bone leaves no mark where the bone on both sides is still connected. Fragments, which
-/// are pieces below 100 mm³ and pieces of up to 300 mm³ of which the kerf leaves less than that, join the segment that they touch
-/// most, with a warning. The kerf is removed from both segments where a cut separates them.
+/// falling volume. A cut that ends inside bone leaves no mark where the bone on both sides is still connected. The kerf is
+/// removed from both segments where a cut separates them.
+///
+/// A piece is a fragment below 100 mm³, and up to 300 mm³ when the kerf leaves less than 100 mm³ of it. A fragment joins the
+/// segment that it touches most, with a warning.
 ///
 /// # Accuracy
 /// Caps of plane cuts, and the sides of their kerf, are within 1 % of the grid spacing; on curved cuts the error is of second

@@ -53,8 +53,8 @@ pub struct PathSample {
 /// - Cut faces: the triangles that face another segment at rest, in contact or across the kerf.
 /// - Mean gap: the mean over the cut faces of the distance to the nearest other bone, 0 where they overlap. A face that slides
 ///   along another has no gap.
-/// - Gap volume: that of the prisms from the cut faces, along their outward normals, to the cut faces opposite. A prism that
-///   meets other bone (the roof of a sinus) or no bone counts as 0.
+/// - Gap volume: a prism stands on each cut face and reaches along its outward normal to the first bone, at most 30 mm. It counts
+///   where it ends on a cut face of another segment, not where it ends elsewhere (at the roof of a sinus) or meets no bone.
 /// - Overlap volume: an integral over cells of at most about 1 mm, in which the surfaces are taken to be plane.
 ///
 /// # Errors

@@ -13,7 +13,9 @@ pub(super) struct Separation {
     pub(super) distance: Vec<f32>,
     /// Kerf of the nearest cut at these nodes, mm; empty when no cut has a kerf.
     pub(super) kerf: Vec<f32>,
-    /// Distance from an air node to the cap between it and a neighbouring node of a segment, mm, by node and segment.
+    /// Where a cut runs between a node of a segment and a neighbour in air: distance of the air node from the segment's cap, mm.
+    ///
+    /// The key is the air node and the segment.
     pub(super) beyond: BTreeMap<(usize, u32), f32>,
     /// Indices of the cuts that bound each segment, ascending.
     pub(super) bounded_by: Vec<Vec<usize>>,

@@ -133,7 +133,10 @@ pub struct CutDocument {
     /// Kerf: width of the saw's slot, mm; half of it lies on each side.
     #[serde(default)]
     pub kerf_mm: f64,
-    /// Name that a template gave the cut.
+    /// Name of the cut, 1 to 64 characters; templates name theirs.
+    ///
+    /// Names of templates' cuts decide how segments are named and where tissue is attached. A cut that is sent again should keep
+    /// its name, and a cut made by hand should not use such a name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Purpose of the cut.

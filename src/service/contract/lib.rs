@@ -3,6 +3,8 @@
 //! HTTP, jobs, the command line and the store use these types, with one set of defaults and one check that reports all faults
 //! of a request together. Invariants: this crate computes nothing and knows no HTTP; a stored document never changes, and new
 //! versions only add members.
+//!
+//! A type that is stored or shared with jobs belongs here. A type that is only sent belongs in `src/service/http/dto`.
 
 mod attachment;
 mod bounds;
@@ -57,7 +59,7 @@ pub use material::{
     D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument,
     UnstableMaterialName, VolumetricName,
 };
-pub use material_check::{check_material, file_material};
+pub use material_check::check_material;
 pub use mesh::{MeshDocument, MeshRequest};
 pub use motion::{motion_from, motion_parts};
 pub use osteotomy::{

@@ -1,5 +1,4 @@
 use super::check::Check;
-use super::file_faults::FileFaults;
 use super::material::{MaterialDocument, TissueLawsDocument};
 
 use prosopon_tissue::fem::material::Material;
@@ -59,42 +58,26 @@ pub(super) fn check_laws(check: &mut Check, pointer: &str, laws: &TissueLawsDocu
     }
 }
 
-/// Builds the material of a document read from a file; `pointer` is its JSON pointer there.
-///
-/// # Errors
-/// [`FileFaults`] with every value that is not allowed and its JSON pointer.
-pub fn file_material(pointer: &str, document: &MaterialDocument) -> Result<Material, FileFaults> {
-    let mut check = Check::default();
-    let material = check_material(&mut check, pointer, document);
-    FileFaults::finish(check).map(|()| material)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::VolumetricName;
+    use crate::{FileFaults, VolumetricName};
 
     #[test]
     fn faults_of_a_material_name_their_place() {
+        let checked = |document: MaterialDocument| {
+            let mut check = Check::default();
+            let material = check_material(&mut check, "/m", &document);
+            FileFaults::finish(check).map(|()| material)
+        };
+        let volumetric = VolumetricName::default();
         let material = |c10_mpa, c01_mpa, poisson| {
-            file_material(
-                "/m",
-                &MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson, volumetric: VolumetricName::default() },
-            )
+            checked(MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson, volumetric })
         };
         let good = material(0.004, 0.001, 0.45).unwrap();
         assert!((good.shear_modulus() - 0.01).abs() < 1e-15 && (good.poisson_ratio() - 0.45).abs() < 1e-12);
-        let ogden = |alpha| {
-            file_material(
-                "/m",
-                &MaterialDocument::Ogden {
-                    shear_modulus_mpa: 0.1,
-                    alpha,
-                    poisson: 0.4,
-                    volumetric: VolumetricName::default(),
-                },
-            )
-        };
+        let ogden =
+            |alpha| checked(MaterialDocument::Ogden { shear_modulus_mpa: 0.1, alpha, poisson: 0.4, volumetric });
         assert!(ogden(-3.0).is_ok());
         for (fault, expected) in [
             (material(0.004, 0.001, 0.5), "/m/poisson is 0.5"),

@@ -101,7 +101,7 @@ pub struct SolverOptions {
     pub model: ModelName,
     /// Element of the skin layer; the model's when `None`.
     pub skin_element: Option<SkinElementName>,
-    /// Treatment of locking; the door's default when `None`.
+    /// Locking-free formulation; when `None`, the one that [`SolverOptions::settings`] is given.
     pub locking: Option<LockingName>,
     /// Materials.
     pub preset: PresetName,

@@ -1,4 +1,4 @@
-//! Other processes on the same store: passing on their events, taking over jobs that they abandoned.
+//! Watches the other processes on the same store: passes on their changes and takes over the jobs that they abandoned.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -59,9 +59,9 @@ pub(super) async fn take_over(service: Arc<Service>) {
     }
 }
 
-/// Jobs whose lease has expired and is not renewed during several further checks.
+/// Finds the jobs whose lease has expired and that no worker renews during [`LOOKS`] further checks.
 ///
-/// An expired lease alone proves nothing: the database may have been unreachable or slow.
+/// One expired lease does not show that the worker is gone: the database may have been unreachable or slow.
 async fn silent(service: &Service) -> Result<Vec<JobRecord>, StoreError> {
     let lease = service.settings.lease;
     let mut silent = service.store.abandoned().await?;

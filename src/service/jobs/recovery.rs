@@ -3,10 +3,12 @@ use super::transition::{apply, recovery};
 use prosopon_contract::Fault;
 use prosopon_store::{JobFilter, JobRecord, JobState};
 
-/// Recovers unfinished jobs.
+/// Recovers unfinished jobs. `abandoned` are those that an earlier or another process left running.
 ///
-/// The jobs `abandoned`, which an earlier run or another process left running, become interrupted. Interrupted jobs are accepted
-/// again, or fail after the last attempt. Jobs with a cancellation request are cancelled.
+/// - Any of the jobs below with a cancellation request: becomes cancelled.
+/// - Running, in `abandoned`: becomes interrupted, then as below.
+/// - Interrupted: becomes accepted, or failed after the last attempt.
+/// - Accepted: keeps waiting.
 pub(super) async fn recover(service: &Service, abandoned: Vec<JobRecord>) -> Result<(), Fault> {
     let all = |state| JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() };
     for job in service.store.jobs(&all(JobState::Accepted)).await?.iter().chain(&abandoned) {

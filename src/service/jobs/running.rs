@@ -97,7 +97,7 @@ pub(super) struct Running {
     phase: AtomicU8,
     /// Open, cancellation requested, or closed.
     ///
-    /// One atomic change decides between a cancellation and the end.
+    /// Whichever comes first, cancellation or end, wins: one atomic change.
     ending: AtomicU8,
     warnings: Mutex<Vec<WarningDocument>>,
     /// Step numbers and warnings; the steps' own events reported them.
@@ -151,12 +151,12 @@ impl Running {
         stages.iter().zip(ends).map(|((phase, from), to)| (phase.as_str(), (to - *from).as_secs_f64())).collect()
     }
 
-    /// Adds a warning that is stored in the job's row, however the job ends.
+    /// Adds a warning of the job as a whole. The job's row gets it when the job succeeds, fails or is cancelled.
     pub(super) fn warn(&self, warning: WarningDocument) {
         self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(warning);
     }
 
-    /// Adds a warning of a step, likewise.
+    /// Adds a warning of step `k`. The job's row gets it as it gets those of [`Running::warn`].
     pub(super) fn warn_of_step(&self, k: u32, warning: &WarningDocument) {
         let mut known = self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner);
         let warning = (k, warning.clone());

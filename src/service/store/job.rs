@@ -271,9 +271,9 @@ pub struct Claim {
     pub lane: Lane,
     /// The worker that claims; `None` takes every job in order.
     ///
-    /// The worker that began the last job of a session keeps the session's fields and meshes in memory: it knows the session.
-    /// Of a tenant's jobs a worker first takes those of sessions that it or no worker knows. For [`Claim::HEAD_START`] it leaves
-    /// jobs of other sessions to the worker that knows them.
+    /// The worker that began the last job of a session knows the session: it still has its fields and meshes in memory. Of each
+    /// tenant's jobs, a worker first takes those of sessions that it knows or no worker knows. A job of a session that another
+    /// worker knows waits [`Claim::HEAD_START`] for that worker.
     pub worker: Option<WorkerId>,
     /// How long jobs of sessions that the worker knows may go before an older job.
     pub patience: Duration,

@@ -1,5 +1,7 @@
-//! Contact on the condensed system: the factor gives the compliance of the nodes that contact acts on, so contact points can
-//! slide over the curved bone to equilibrium without a solve for the whole tissue.
+//! Solves contact on the nodes that it can touch only.
+//!
+//! These nodes are eliminated last. Their block of the factor (the *corner*) gives their compliance: how they yield to forces. So
+//! contact points slide over the curved bone to equilibrium without a solve for the whole tissue.
 
 use super::compliance::{Compliance, LowRank};
 use super::contact::{ContactPair, Curved, PlacedBlock, Placement};
@@ -276,7 +278,7 @@ fn minimise_condensed(
     }
 }
 
-/// The state under the last converged contact forces: pressures from the new bone position would push tissue too far away.
+/// Starts from the last converged contact forces; forces from the bone's new position would overshoot.
 fn first_state(
     solver: &mut LinearSolver,
     problem: &CondensedProblem<'_>,
@@ -335,11 +337,16 @@ struct ForceChange {
     used_curvature: bool,
 }
 
-/// Newton change of the forces when they differ by `residual` from the contact forces. `curvature` holds blocks to subtract from
-/// the stiffness; it is dropped where the energy is not convex with it.
+/// Newton change of the forces when they differ by `residual` from the contact forces.
 ///
-/// Conjugate gradients for `S⁻¹ + V D Vᵀ - P`, preconditioned by the inverse without `P`; `S⁻¹` times each direction is updated
-/// by recurrence.
+/// The matrix is `S⁻¹ + V D Vᵀ - P`:
+///
+/// - `S`: the compliance of the nodes (`compliance`).
+/// - `V`: for each active contact, its normal, weighted at the contact point's nodes.
+/// - `D`: the stiffnesses of these contacts. `low_rank` holds `V` and `D`.
+/// - `P`: the blocks of the bone's curvature (`curvature`). They are dropped where the energy is not convex with them.
+///
+/// Conjugate gradients solve it, preconditioned by the inverse without `P`. `S⁻¹` times each direction is updated by recurrence.
 fn step(
     compliance: &Compliance,
     low_rank: Option<&LowRank>,

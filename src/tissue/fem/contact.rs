@@ -1,7 +1,8 @@
 //! Frictionless unilateral contact of tissue with moved bone, by penalty and augmented Lagrangian (Wang 2009, eq. 0.9 to 0.13).
 //!
-//! A contact point is a sliding vertex, or the barycentre of a bone face with at least one sliding vertex and no free one. They
-//! are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at each vertex.
+//! Contact acts at two kinds of points: sliding vertices, and barycentres of bone faces that have a sliding vertex and no free
+//! one. They are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at
+//! each vertex.
 //! A sliding vertex whose faces all have a free corner takes a third of the area of each.
 //! With gap `g` (negative inside), multiplier `p` and stiffness `k` the energy per area is `(max(0, p - k g)² - p²) / (2 k)`,
 //! which is `k g²/2` for `g < 0` when `p = 0`. The multipliers grow until the penetration is below the tolerance.

@@ -103,7 +103,7 @@ pub struct Boundary {
 /// Named sets of materials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Preset {
-    /// Stable neo-Hookean with the published small-strain moduli (reading notes 20).
+    /// Stable neo-Hookean with the published small-strain moduli (`src/paper.md`, 20).
     Wang2009Stable,
     /// Stable Yeoh that follows the published curve in tension.
     Wang2009Tension,
@@ -299,7 +299,7 @@ impl Preset {
         }
     }
 
-    /// The materials of this preset, with D1 read as Poisson ratio (reading notes 19).
+    /// The materials of this preset, with D1 read as Poisson ratio (`src/paper.md`, 19).
     #[must_use]
     pub fn materials(self) -> Materials {
         match self {

@@ -213,7 +213,9 @@ impl<'a, 'd> Draft<'a, 'd> {
     }
 }
 
-/// Leaves out the prisms that are badly shaped or off the skin; `lost` of them had no outer node from the start.
+/// Leaves out the prisms that are badly shaped or off the skin.
+///
+/// `lost` is the number of faces that got no prism because an outer node was missing; they count as folded.
 fn drop_bad_prisms(draft: &Draft<'_, '_>, layer: &mut PrismLayer, lost: usize) -> LeftOutPrisms {
     let of = lost + layer.faces.len();
     let folded = lost + layer.drop_bad(&draft.mesh);

@@ -84,7 +84,7 @@ pub(super) fn layout(
         );
         return Ok(StackLayout { slices, duplicates, origin, step: normal, uneven: None, depth: 1 });
     }
-    // Displacement per mm of height; it is longer than 1 when the stack is sheared.
+    // Displacement of the slices' origin for each mm along their normal; longer than 1 when the stack is sheared.
     let slope = (origin_of(top) - origin) / (high - low);
     let sideways =
         kept.iter().map(|(h, at)| (origin_of(*at) - (origin + slope * (h - low))).norm()).fold(0.0, f64::max);

@@ -1,6 +1,15 @@
 //! Ready-made sets of cuts, placed by landmarks.
 //!
 //! All templates use LPS mm with the head upright; left is +x, back +y, up +z.
+//!
+//! # Adding a template
+//! 1. Write the function that places its cuts, in a module here.
+//! 2. Add a variant to [`Template`], its list `ALL` and its methods: `name`, `needs` (landmarks) and `cuts`.
+//! 3. Add its name and its landmarks to `TemplateName` in `src/service/contract/osteotomy.rs`; regenerate `api/openapi.json`.
+//! 4. Where `propose` does not find a landmark, each request must give it.
+//!
+//! Names of cuts are read by `plan/names.rs` (names of segments), `template/merge.rs` (steps of a Le Fort I) and
+//! `simulate/attach.rs` (where the teeth are). Choose a name whose beginning is known there, or add it there.
 
 mod le_fort_1;
 mod mandible;

@@ -1,4 +1,6 @@
-//! Views of stored records and jobs, and the queries of requests. Bodies of requests are in `prosopon_contract`.
+//! Views of stored records and jobs, and the queries of requests: types that are only sent.
+//!
+//! Types that are stored or shared with jobs are in `prosopon_contract`, as are the bodies of most requests.
 
 mod compare;
 mod event;

@@ -1,4 +1,13 @@
 //! Handlers of the routes: each extracts, converts, calls one domain function and converts back.
+//!
+//! # Adding a route
+//! 1. Write the handler in a module here, and list it in [`all`].
+//! 2. Name the id of a session or job in the path `{session}` or `{job}`: the guard finds the owner by these names.
+//! 3. Put documents that are stored or shared with jobs in `prosopon_contract`, other views in `dto`, and work in `tasks` of
+//!    `prosopon_jobs`.
+//! 4. A POST that only reads is listed in `READ_ONLY_POSTS` (`middleware/guard.rs`). A POST that creates something takes a
+//!    `CreateBody` or `RepeatableBody`, and `creates` (`openapi.rs`) lists it.
+//! 5. Run `cargo run -- openapi > api/openapi.json`, and add a line to `api/CHANGELOG.md`.
 
 mod accepted;
 mod compare;

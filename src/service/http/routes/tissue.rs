@@ -109,8 +109,8 @@ fn bone_kind(segment: u32) -> Result<PartKind, Problem> {
 
 /// Upload the rigid bone of a segment
 ///
-/// A surface in STL, PLY or OBJ format, LPS mm, at rest, for segment 0 (fixed) to 9. Points of the uploaded tissue mesh with
-/// `attachment` -2 slide on these bones.
+/// A surface in STL, PLY, OBJ or VTP format, LPS mm, at rest, for segment 0 (fixed) to 9. Points of the uploaded tissue mesh
+/// with `attachment` -2 slide on these bones.
 #[utoipa::path(put, path = "/v1/sessions/{session}/bones/{segment}", tag = "inputs",
     params(("session" = Uuid, Path), ("segment" = u32, Path)),
     request_body(content = Vec<u8>, content_type = "application/octet-stream"),

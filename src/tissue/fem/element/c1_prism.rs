@@ -5,7 +5,7 @@ use super::quadrature::{THROUGH_THICKNESS, THROUGH_THICKNESS_WEIGHT, TrianglePoi
 use crate::mesh::MixedMesh;
 use prosopon_geometry::Vector;
 
-/// Prisms with a C1 outer surface (Wang 2009, eq. 0.17 and Appendix A; reading notes 12 to 15).
+/// Prisms with a C1 outer surface (Wang 2009, eq. 0.17 and Appendix A; `src/paper.md`, 12 to 15).
 ///
 /// Functions 0 to 8 belong to the outer triangle, 9 to 11 to the inner corners.
 ///

@@ -11,8 +11,8 @@ use prosopon_geometry::{Vector, Warning};
 ///
 /// The derivative of the surface at a vertex along an edge `e` of the flat rest triangles is the pair of tangent vectors applied
 /// to the coordinates of `(I - n nᵀ) e` in the vertex's frame. It is linear in `e` and the same for every triangle there, so the
-/// surface is continuous along edges and has one tangent plane at each vertex (reading notes 14; the paper does not treat curved
-/// surfaces).
+/// surface is continuous along edges and has one tangent plane at each vertex (`src/paper.md`, 14; the paper does not treat
+/// curved surfaces).
 #[derive(Debug, Clone, PartialEq)]
 pub struct C1Surface {
     /// Mesh nodes that are corners of prisms' outer triangles, ascending.

@@ -22,7 +22,7 @@ const SKIN: [f64; 3] = [18.9834587, -15.4071649, 0.49];
 const MUSCLE: [f64; 3] = [9.84540206, -7.74326281, 0.30];
 const FAT: [f64; 3] = [16.6131140, -16.0126823, 0.49];
 
-/// Meaning of `D1` in Wang 2009, Table 1, which the paper does not state (reading notes 19).
+/// Meaning of `D1` in Wang 2009, Table 1, which the paper does not state (`src/paper.md`, 19).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum D1Reading {
     /// The Poisson ratio: 0.49, 0.30, 0.49 of skin, muscle, fat.
@@ -180,7 +180,7 @@ mod tests {
         assert_eq!(stable.of(Tissue::Mucosa), stable.of(Tissue::Muscle));
     }
 
-    /// Poisson ratios of the reading notes; for the last, (3 K - 2 mu) / (2 (3 K + mu)) by hand.
+    /// Poisson ratios of `src/paper.md`, 19; for the last, (3 K - 2 mu) / (2 (3 K + mu)) by hand.
     #[test]
     fn readings_of_d1_give_the_known_poisson_ratios_and_the_same_shear() {
         for (reading, ratios) in [

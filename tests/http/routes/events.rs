@@ -26,7 +26,10 @@ async fn events_are_numbered_and_report_every_step() {
     assert_eq!(ids, (1..=events.len() as u64).collect::<Vec<_>>());
     let names: Vec<&str> = events.iter().map(|e| e["event"].as_str().unwrap()).filter(|e| *e != "progress").collect();
     assert_eq!(names, ["status", "status", "step", "step", "step", "warning", "end"]);
-    assert_eq!(events[events.len() - 2]["data"], json!({"code": "stand-in", "severity": "check", "message": "a stand-in"}));
+    assert_eq!(
+        events[events.len() - 2]["data"],
+        json!({"code": "stand-in", "severity": "check", "message": "a stand-in"})
+    );
     let step = &events.iter().find(|e| e["event"] == "step").unwrap()["data"];
     assert_eq!((&step["k"], &step["steps"], &step["converged"]), (&json!(1), &json!(3), &json!(true)));
     assert_eq!(step["links"]["skin"], format!("{job}/steps/1/skin"));

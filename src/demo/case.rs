@@ -210,7 +210,7 @@ impl Case<'_> {
                 match event {
                     "progress" => bar.set_position((1000.0 * data["progress"].as_f64().unwrap_or_default()) as u64),
                     "step" => on_step(data["k"].as_u64().unwrap_or_default())?,
-                    "warning" => self.say(&format!("{kind}: {}", finding(&data))),
+                    "warning" => self.say(&format!("{kind}: {}", finding(data))),
                     "end" => ended = true,
                     _ => {}
                 }

@@ -35,8 +35,8 @@ const RESOLUTION: u32 = 256;
 
 /// Tests whether the value, gradient and Hessian of a distance field suit Newton's method.
 ///
-/// A spring holds each point inside bone and a penalty pushes it out. The study minimises the energy (x - a)ᵀ K (x - a) / 2
-/// + κ min(d(x), 0)² / 2 from x = a, for one distance field after another. The spring K is anisotropic like tissue; with an
+/// A spring holds each point inside bone and a penalty pushes it out. The study minimises the energy
+/// `(x - a)ᵀ K (x - a) / 2 + κ min(d(x), 0)² / 2` from x = a, for one distance field after another. The spring K is anisotropic like tissue; with an
 /// isotropic spring the path would simply be the straight line to the closest point. The tangent is the Hessian of the
 /// energy, with the signs of negative eigenvalues reversed and without the curvature term at large depth. Steps are halved
 /// until the energy decreases.

@@ -4,10 +4,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::bounds::BoxDocument;
-use super::check::{Check, REACH_MM};
+use super::check::Check;
 use super::fault::{Fault, FaultKind};
-use prosopon_geometry::{Aabb, Point, TriMesh};
-use prosopon_planning::evaluate::MaskRegion;
+use super::region::RegionRequest;
+use prosopon_geometry::{Aabb, TriMesh};
 use prosopon_planning::simulate::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};
 
 /// Boundary condition of a tissue node at bone: `tied`, `sliding` or `free`.
@@ -58,16 +58,13 @@ impl PaintDocument {
     /// The painted part of space; `None` when it is neither a box with its corners in order nor a ball.
     #[must_use]
     pub fn paint(&self) -> Option<Paint> {
-        let part = match (self.min_mm, self.max_mm, self.centre_mm, self.radius_mm) {
-            (Some(min), Some(max), None, None) if min.iter().zip(max).all(|(min, max)| *min < max) => {
-                MaskRegion::Box(Aabb { min: min.into(), max: max.into() })
-            }
-            (None, None, Some(centre), Some(radius_mm)) if radius_mm > 0.0 => {
-                MaskRegion::Ball { centre: Point::from(centre), radius_mm }
-            }
-            _ => return None,
-        };
+        let part = self.region().part("", &mut Check::default())?;
         Some(Paint { class: self.class.into(), part })
+    }
+
+    fn region(&self) -> RegionRequest {
+        let Self { class: _, min_mm, max_mm, centre_mm, radius_mm } = *self;
+        RegionRequest { min_mm, max_mm, centre_mm, radius_mm }
     }
 }
 
@@ -153,14 +150,7 @@ fn check_paint(check: &mut Check, paint: &[PaintDocument]) {
         check.fault("/attachment/paint", format!("has {} parts, at most {MOST} are allowed", paint.len()));
     }
     for (i, p) in paint.iter().take(MOST).enumerate() {
-        let pointer = format!("/attachment/paint/{i}");
-        for (name, place) in [("min_mm", p.min_mm), ("max_mm", p.max_mm), ("centre_mm", p.centre_mm)] {
-            place.map(|v| check.vector(&format!("{pointer}/{name}"), v));
-        }
-        p.radius_mm.map(|r| check.number(&format!("{pointer}/radius_mm"), r, 0.1, REACH_MM));
-        if p.paint().is_none() {
-            check.fault(pointer, "must have min_mm below max_mm, or centre_mm and radius_mm");
-        }
+        p.region().part(&format!("/attachment/paint/{i}"), check);
     }
 }
 

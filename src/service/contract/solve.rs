@@ -149,11 +149,8 @@ impl SolverOptions {
     #[must_use]
     pub fn parameters(&self) -> Map<String, Value> {
         let resolved = Self { d1_reading: Some(self.d1_reading.unwrap_or_default()), ..*self };
-        let mut members = match json!(resolved) {
-            Value::Object(members) => members,
-            // A structure of plain values is always an object.
-            _ => Map::new(),
-        };
+        // A structure of plain values is always an object.
+        let mut members = json!(resolved).as_object().cloned().unwrap_or_default();
         members.remove("model");
         members.insert("model_chosen_by_the_service".to_owned(), json!(self.model == ModelName::Auto));
         members

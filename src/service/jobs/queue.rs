@@ -158,7 +158,7 @@ impl Service {
         self.status(id).await
     }
 
-    /// Deletes a session so that it can be restored for a while ([`ServiceSettings::deleted_retention`]).
+    /// Deletes a session so that it can be restored for a while ([`deleted_retention`](super::ServiceSettings::deleted_retention)).
     ///
     /// Cancels the jobs in it and those that read it. Returns false when the session does not exist or was deleted before.
     ///

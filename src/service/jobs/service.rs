@@ -159,7 +159,7 @@ impl Service {
     /// The computation is cancelled when the caller drops the future.
     ///
     /// # Errors
-    /// The computation's, or [`FaultKind::Internal`] when it panics.
+    /// The computation's, or [`Internal`](prosopon_contract::FaultKind::Internal) when it panics.
     pub async fn compute<T: Send + 'static>(
         &self,
         work: impl FnOnce(&dyn Engine, &Control) -> Result<T, Halt> + Send + 'static,

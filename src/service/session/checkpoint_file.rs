@@ -127,7 +127,7 @@ mod tests {
         };
         let checkpoint = PathCheckpoint { k: 3, begin: Some(vec![(1, motion)]), solver };
         let warning: WarningDocument = prosopon_geometry::Warning::check("gap", "a wide gap").into();
-        let stored = StoredCheckpoint::new(checkpoint, (2.5, &[warning.clone()]), "skin".to_owned());
+        let stored = StoredCheckpoint::new(checkpoint, (2.5, std::slice::from_ref(&warning)), "skin".to_owned());
         let bytes = stored.encode().unwrap();
         assert_eq!(StoredCheckpoint::decode(&bytes).unwrap(), stored);
         assert_eq!(StoredCheckpoint::decode(&bytes).unwrap().encode().unwrap(), bytes);

@@ -1,5 +1,7 @@
 use std::str::FromStr;
 
+use super::records::{now_rfc3339, sha256_hex};
+
 /// Kind of a part; a session has at most one part of each kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PartKind {
@@ -108,4 +110,20 @@ pub struct PartRecord {
     pub document: String,
     /// When it was stored, RFC 3339.
     pub updated_at: String,
+}
+
+impl PartRecord {
+    /// A part whose content is its document, stored now.
+    #[must_use]
+    pub fn of_document(kind: PartKind, document: String) -> Self {
+        Self {
+            kind,
+            key: sha256_hex(document.as_bytes()),
+            blob: None,
+            bytes: document.len() as u64,
+            wall_s: 0.0,
+            document,
+            updated_at: now_rfc3339(),
+        }
+    }
 }

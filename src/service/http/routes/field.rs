@@ -12,7 +12,7 @@ use crate::http::{AppState, Problem};
 use prosopon_contract::{FieldSettingsDocument, to_json};
 use prosopon_jobs::{FieldTask, field_slice};
 use prosopon_session::SessionParts;
-use prosopon_store::{JobFilter, JobKind, PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
+use prosopon_store::{JobFilter, JobKind, PartKind, PartRecord, SessionId};
 
 /// An empty request.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -32,16 +32,7 @@ pub(in crate::http) async fn put_settings(
 ) -> Result<Json<FieldSettingsDocument>, Problem> {
     SessionParts::load(state.service.store(), session).await?;
     let settings = request.checked()?;
-    let document = to_json("the settings of the fields", &settings)?;
-    let part = PartRecord {
-        kind: PartKind::FieldSettings,
-        key: sha256_hex(document.as_bytes()),
-        blob: None,
-        bytes: document.len() as u64,
-        wall_s: 0.0,
-        document,
-        updated_at: now_rfc3339(),
-    };
+    let part = PartRecord::of_document(PartKind::FieldSettings, to_json("the settings of the fields", &settings)?);
     state.service.store().put_parts(session, &[part]).await?;
     Ok(Json(settings))
 }

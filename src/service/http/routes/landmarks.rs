@@ -7,7 +7,7 @@ use crate::http::{AppState, Problem};
 use prosopon_contract::{FaultKind, LandmarksDocument, to_json};
 use prosopon_jobs::propose_landmarks;
 use prosopon_session::SessionParts;
-use prosopon_store::{PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
+use prosopon_store::{PartKind, PartRecord, SessionId};
 
 /// Set the landmarks
 ///
@@ -22,16 +22,7 @@ pub(in crate::http) async fn put(
 ) -> Result<Json<LandmarksDocument>, Problem> {
     SessionParts::load(state.service.store(), session).await?;
     let landmarks = request.checked()?;
-    let document = to_json("the landmarks", &landmarks)?;
-    let part = PartRecord {
-        kind: PartKind::Landmarks,
-        key: sha256_hex(document.as_bytes()),
-        blob: None,
-        bytes: document.len() as u64,
-        wall_s: 0.0,
-        document,
-        updated_at: now_rfc3339(),
-    };
+    let part = PartRecord::of_document(PartKind::Landmarks, to_json("the landmarks", &landmarks)?);
     state.service.store().put_parts(session, &[part]).await?;
     Ok(Json(landmarks))
 }

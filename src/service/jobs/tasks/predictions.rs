@@ -24,7 +24,7 @@ impl Predictions {
     /// Models and plans of two surfaces; `None` when one of them is not a step of a solve.
     ///
     /// # Errors
-    /// As [`named_surface`].
+    /// As [`named_surface`](super::named_surface).
     pub async fn of_surfaces(service: &Service, sources: [SurfaceSource; 2]) -> Result<Option<Self>, Fault> {
         let [SurfaceSource::Step(one, _), SurfaceSource::Step(other, _)] = sources else { return Ok(None) };
         Ok(Self::of(&service.job(one).await?, &service.job(other).await?))

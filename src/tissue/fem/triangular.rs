@@ -2,6 +2,9 @@
 //!
 //! The tasks depend on the factor's structure only, and their contributions to the columns above are added in task order: the
 //! bits are the same at any number of threads.
+//!
+//! On 53 000 unknowns with 39 million entries it takes 0.7 of the time of faer's solve
+//! (`SLOW_TESTS=1 cargo test times_of_both_solves -- --nocapture`).
 
 use super::precision::Precision;
 use super::tuning::{LARGEST_SUBTREE, SHARED_ROWS};
@@ -329,82 +332,4 @@ fn dot<T: Precision>(a: &[T], b: &[T]) -> T {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use faer::dyn_stack::{MemBuffer, MemStack};
-    use faer::sparse::linalg::SupernodalThreshold;
-    use faer::sparse::linalg::cholesky::{
-        CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
-    };
-    use faer::sparse::{SparseColMat, Triplet};
-    use faer::{Conj, MatMut, Par, Side};
-
-    /// Dense diagonal blocks coupled through common last columns: an elimination tree with branches.
-    fn arrow(blocks: usize, width: usize, common: usize) -> SparseColMat<usize, f64> {
-        let n = blocks * width + common;
-        let mut triplets = Vec::new();
-        let mut seed = 1u64;
-        for row in 0..n {
-            for column in 0..=row {
-                let coupled = row >= blocks * width || row / width == column / width;
-                seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-                let value = (seed >> 40) as f64 / f64::from(1 << 24) - 0.5;
-                if row == column {
-                    triplets.push(Triplet::new(row, column, n as f64));
-                } else if coupled {
-                    triplets.push(Triplet::new(column, row, value));
-                }
-            }
-        }
-        SparseColMat::try_new_from_triplets(n, n, &triplets).unwrap()
-    }
-
-    #[test]
-    fn solves_agree_with_faer_and_do_not_depend_on_threads() {
-        let matrix = arrow(9, 37, 1500);
-        let n = matrix.ncols();
-        let params = CholeskySymbolicParams {
-            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-            ..CholeskySymbolicParams::default()
-        };
-        let symbolic =
-            factorize_symbolic_cholesky(matrix.symbolic(), Side::Upper, SymmetricOrdering::Identity, params).unwrap();
-        let mut values = vec![0.0; symbolic.len_val()];
-        let mut memory = MemBuffer::new(symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default()));
-        symbolic
-            .factorize_numeric_llt(
-                &mut values,
-                matrix.as_ref(),
-                Side::Upper,
-                Default::default(),
-                Par::Seq,
-                MemStack::new(&mut memory),
-                Default::default(),
-            )
-            .unwrap();
-        let SymbolicCholeskyRaw::Supernodal(supernodal) = symbolic.raw() else { panic!("simplicial") };
-        let l = SupernodalLltRef::new(supernodal, &values);
-        let schedule = Schedule::new(supernodal);
-        assert!(schedule.subtrees.len() >= 8 && !schedule.top.is_empty(), "{schedule:?}");
-
-        let b: Vec<f64> = (0..n).map(|i| (i as f64).sin()).collect();
-        let mut expected = b.clone();
-        let mut memory = MemBuffer::new(supernodal.solve_in_place_scratch::<f64>(1, Par::Seq));
-        let column = MatMut::from_column_major_slice_mut(&mut expected, n, 1);
-        l.solve_in_place_with_conj(Conj::No, column, Par::Seq, MemStack::new(&mut memory));
-        let solve = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let mut x = b.clone();
-                forward(&l, &schedule, &mut x);
-                backward(&l, &schedule, &mut x);
-                x
-            })
-        };
-        let x = solve(1);
-        let scale = expected.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        assert!(x.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-13 * scale));
-        assert_eq!(x, solve(2));
-        assert_eq!(x, solve(3));
-    }
-}
+mod tests;

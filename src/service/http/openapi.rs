@@ -36,7 +36,7 @@ pub fn openapi() -> OpenApi {
     api.merge(plain.split_for_parts().1);
     api.merge(uploads.split_for_parts().1);
     if let Some(components) = &mut api.components {
-        components.schemas.values_mut().for_each(say_text_names);
+        components.schemas.values_mut().for_each(drop_property_names);
     }
     let schemas = api.components.clone().unwrap_or_default().schemas;
     for (path, item) in &mut api.paths.paths {
@@ -108,10 +108,15 @@ fn say_binary(operation: &mut Operation) {
 }
 
 /// Removes schemas of member names, which are always strings, even if they are segment numbers.
-fn say_text_names(schema: &mut RefOr<Schema>) {
-    let RefOr::T(Schema::Object(object)) = schema else { return };
-    object.property_names = None;
-    object.properties.values_mut().for_each(say_text_names);
+fn drop_property_names(schema: &mut RefOr<Schema>) {
+    match schema {
+        RefOr::T(Schema::Object(object)) => {
+            object.property_names = None;
+            object.properties.values_mut().for_each(drop_property_names);
+        }
+        RefOr::T(Schema::AllOf(all)) => all.items.iter_mut().for_each(drop_property_names),
+        RefOr::T(_) | RefOr::Ref(_) => {}
+    }
 }
 
 /// Name of the schema of a JSON body.

@@ -49,6 +49,9 @@ struct Summary {
     min_det_f: Option<f64>,
     /// Force of each segment on the tissue at the last step, N.
     reactions_n: BTreeMap<u32, [f64; 3]>,
+    /// Why the path was not finished or its end is unreliable.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<String>,
     #[serde(flatten)]
     findings: Findings,
 }
@@ -132,6 +135,7 @@ fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::
         max_penetration_mm: last.map_or(0.0, StepReport::deepest_mm),
         min_det_f: last.map(|s| s.min_det_f),
         reactions_n: last.map(|s| s.reactions_n.iter().copied().collect()).unwrap_or_default(),
+        error: unfinished.as_ref().map(ToString::to_string),
         findings: warnings.into_iter().collect(),
     };
     writeln!(std::io::stdout(), "{}", serde_json::to_string(&summary)?)?;

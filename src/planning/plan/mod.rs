@@ -33,7 +33,7 @@ pub use bridge::Bridge;
 pub use clearance::{Clearance, Protected, clearances};
 pub use cut::cut;
 pub use follow::{PathReport, PathSample, follow};
-pub use names::name_segments;
+pub use names::{is_template_name, name_segments};
 pub use osteotomy::{Osteotomy, Segment};
 pub use path::{Path, Plan};
 pub use propose::{Proposal, propose};

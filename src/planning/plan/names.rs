@@ -3,6 +3,13 @@
 use super::tuning::ASIDE_MM;
 use super::{CutShape, Landmarks, Osteotomy, Segment};
 
+/// Whether a cut's name is one that templates give, by which segments are named and tissue is attached.
+#[must_use]
+pub fn is_template_name(name: &str) -> bool {
+    const EXACT: [&str; 3] = ["genioplasty", "midsagittal", "occlusal"];
+    EXACT.contains(&name) || ["bsso_", "joint_", "le_fort_"].iter().any(|prefix| name.starts_with(prefix))
+}
+
 /// Names the segments by their position and by the template cuts that bound them.
 ///
 /// Of several segments with the same name the largest keeps it; the others get a number, for example `maxilla_2`. Without

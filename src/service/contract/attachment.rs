@@ -72,7 +72,7 @@ impl PaintDocument {
 ///
 /// Absent members follow the default rule: nodes at bone are tied; they slide on the teeth of moving jaws and where periosteum is
 /// stripped; they are free beside saw lines. The report's `attached` counts the nodes of each class.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Attachment {
     /// Boundary nodes closer to bone than this distance are tied, mm, 0 to 50.

@@ -35,7 +35,12 @@ impl Check {
     /// Checks a direction and returns it as a unit vector.
     pub fn direction(&mut self, pointer: &str, value: [f64; 3]) -> prosopon_geometry::Vector {
         self.vector(pointer, value);
-        prosopon_geometry::Vector::from(value).try_normalize(1e-9).unwrap_or_else(|| {
+        let direction = prosopon_geometry::Vector::from(value);
+        // A unit vector of an answer stays as it is, bit for bit.
+        if (direction.norm() - 1.0).abs() < 1e-15 {
+            return direction;
+        }
+        direction.try_normalize(1e-9).unwrap_or_else(|| {
             self.fault(pointer, "has zero length; give a direction of any length above zero");
             prosopon_geometry::Vector::z()
         })
@@ -58,6 +63,7 @@ impl Check {
         {
             self.fault(pointer, format!("has {} characters, at most 200 are allowed", label.chars().count()));
         }
+        self.text(pointer, value.as_deref());
         value
     }
 
@@ -65,6 +71,14 @@ impl Check {
     pub(super) fn name(&mut self, pointer: &str, value: Option<&str>) {
         if value.is_some_and(|name| !(1..=64).contains(&name.chars().count())) {
             self.fault(pointer, "must have 1 to 64 characters");
+        }
+        self.text(pointer, value);
+    }
+
+    /// Checks that a text has no control characters, which a database or a page may not take.
+    fn text(&mut self, pointer: &str, value: Option<&str>) {
+        if value.is_some_and(|text| text.chars().any(char::is_control)) {
+            self.fault(pointer, "has a control character; remove it");
         }
     }
 

@@ -353,6 +353,16 @@ pub enum SkinElementName {
     C1Prism,
 }
 
+impl From<SkinElement> for SkinElementName {
+    fn from(element: SkinElement) -> Self {
+        match element {
+            SkinElement::Tetrahedron => Self::Tet,
+            SkinElement::Wedge => Self::Wedge,
+            SkinElement::C1Prism => Self::C1Prism,
+        }
+    }
+}
+
 impl From<SkinElementName> for SkinElement {
     fn from(name: SkinElementName) -> Self {
         match name {

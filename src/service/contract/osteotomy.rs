@@ -181,9 +181,7 @@ impl CreateOsteotomy {
 }
 
 fn kept_away(check: &mut Check, pointer: &str, p: &ProtectedRequest) -> Protected {
-    if !(1..=64).contains(&p.name.chars().count()) {
-        check.fault(format!("{pointer}/name"), "must have 1 to 64 characters");
-    }
+    check.name(&format!("{pointer}/name"), Some(&p.name));
     if let Some(margin) = p.margin_mm {
         check.number(&format!("{pointer}/margin_mm"), margin, 0.0, 100.0);
     }

@@ -148,9 +148,8 @@ impl SolverOptions {
     /// The options as a report shows them.
     #[must_use]
     pub fn parameters(&self) -> Map<String, Value> {
-        let resolved = Self { d1_reading: Some(self.d1_reading.unwrap_or_default()), ..*self };
         // A structure of plain values is always an object.
-        let mut members = json!(resolved).as_object().cloned().unwrap_or_default();
+        let mut members = json!(self).as_object().cloned().unwrap_or_default();
         members.remove("model");
         members.insert("model_chosen_by_the_service".to_owned(), json!(self.model == ModelName::Auto));
         members
@@ -254,9 +253,11 @@ pub struct SolveRequest {
 impl SolveRequest {
     /// The request, checked, with the defaults of the session and the service filled in. This is the stored form.
     ///
+    /// `locking` applies when the request names none.
+    ///
     /// # Errors
     /// A fault that lists every value that is not allowed; [`FaultKind::NotAvailable`] for a budget.
-    pub fn resolved(mut self, session: &SessionSettings, max_wall: Duration) -> Result<Self, Fault> {
+    pub fn resolved(mut self, session: &SessionSettings, max_wall: Duration, locking: Locking) -> Result<Self, Fault> {
         if self.budget.is_some() {
             return Err(Fault::new(FaultKind::NotAvailable, "budgets are not available in this version").at("/budget"));
         }
@@ -274,7 +275,25 @@ impl SolveRequest {
         }
         check.number("/leave_out_below_mm", self.leave_out_below_mm(), 0.0, 1.0);
         check.finish()?;
+        self.fill(locking);
         Ok(self)
+    }
+
+    /// Fills in the defaults of the solver, so that requests with the same meaning are equal.
+    fn fill(&mut self, locking: Locking) {
+        let defaults = SolverOptions { model: self.model, ..SolverOptions::default() }.settings(locking);
+        self.skin_element.get_or_insert(defaults.skin_element.into());
+        self.locking.get_or_insert(defaults.locking.into());
+        self.relative_residual.get_or_insert(defaults.relative_residual);
+        self.penetration_tolerance_mm.get_or_insert(defaults.penetration_tolerance_mm);
+        self.leave_out_below_mm.get_or_insert(LEAVE_OUT_BELOW_MM);
+        if self.preset == Some(PresetName::Wang2009) {
+            self.d1_reading.get_or_insert_default();
+        }
+        self.attachment = self.attachment.take().filter(|a| *a != Attachment::default());
+        let outputs = [(self.wants_error_maps(), OutputName::Error), (self.wants_tissue(), OutputName::Tissue)];
+        let wanted = outputs.into_iter().filter_map(|(wanted, output)| wanted.then_some(output));
+        self.outputs = Some(std::iter::once(OutputName::Skin).chain(wanted).collect());
     }
 
     /// Refuses options that an uploaded tissue mesh replaces.

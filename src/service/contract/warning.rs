@@ -73,6 +73,12 @@ impl From<Warning> for WarningDocument {
 }
 
 impl WarningDocument {
+    /// A warning from its row: JSON, or the mere text that earlier versions stored.
+    #[must_use]
+    pub fn from_row(stored: &str) -> Self {
+        serde_json::from_str(stored).unwrap_or_else(|_| StoredWarning::Text(stored.to_owned()).into())
+    }
+
     /// The same about `subject`: "subject: message".
     #[must_use]
     pub fn about(&self, subject: impl std::fmt::Display) -> Self {
@@ -146,5 +152,7 @@ mod tests {
         assert_eq!(found.warnings[0].to_string(), "2 elements are inside out. Use a smaller step.");
         let old: Findings = serde_json::from_str(r#"{"warnings": ["a wide gap"]}"#).unwrap();
         assert_eq!((old.warnings[0].message.as_str(), old.warnings[0].severity), ("a wide gap", SeverityName::Check));
+        assert_eq!(WarningDocument::from_row("a wide gap"), old.warnings[0]);
+        assert_eq!(WarningDocument::from_row(&serde_json::to_string(&found.warnings[0]).unwrap()), found.warnings[0]);
     }
 }

@@ -11,11 +11,11 @@ use prosopon_planning::plan::PlanError;
 use prosopon_planning::simulate::RunSettings;
 use prosopon_planning::surface::CtSettings;
 use prosopon_session::Earlier;
-use prosopon_store::{JobId, OsteotomyId};
+use prosopon_store::{JobId, JobRecord, OsteotomyId};
 use prosopon_tissue::fem::Locking;
 
 /// Treatment of locking on heads when a request names none: smoothed elements take three to seven times as long there.
-const HEAD_LOCKING: Locking = Locking::None;
+pub const HEAD_LOCKING: Locking = Locking::None;
 
 /// Request of an import: skin, skull, air and soft tissue from a CT.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -166,6 +166,17 @@ pub(super) struct SolveKind {
 }
 
 impl SolveTask {
+    /// The request of a stored solve on a patient's head.
+    ///
+    /// # Errors
+    /// Why there is none: the job solved an uploaded mesh, or an earlier version accepted it.
+    pub fn of(job: &JobRecord) -> Result<Self, &'static str> {
+        serde_json::from_str(&job.request).map_err(|_| match serde_json::from_str::<SolveKind>(&job.request) {
+            Ok(SolveKind { ready: Some(_) }) => "solved an uploaded tissue mesh",
+            Ok(_) | Err(_) => "was solved by an earlier version",
+        })
+    }
+
     /// Solver settings for the numerics, for the patient's `skull`.
     ///
     /// # Errors

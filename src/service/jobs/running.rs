@@ -178,8 +178,11 @@ impl Running {
 
     /// All warnings; those of steps have the step's number.
     pub(super) fn warnings(&self) -> Vec<WarningDocument> {
-        let of_steps = self.step_warnings().into_iter().map(|(k, warning)| step_warning(k, &warning));
-        self.own_warnings().into_iter().chain(of_steps).collect()
+        let mut all = self.own_warnings();
+        let of_steps = self.step_warnings().into_iter().filter(|(_, warning)| !all.contains(warning));
+        let of_steps: Vec<_> = of_steps.map(|(k, warning)| step_warning(k, &warning)).collect();
+        all.extend(of_steps);
+        all
     }
 
     pub(super) fn phase(&self) -> Phase {

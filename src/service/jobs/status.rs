@@ -3,6 +3,7 @@ use std::collections::btree_map::Entry;
 use std::time::Duration;
 
 use super::Service;
+use super::running::step_warning;
 use prosopon_contract::{Fault, Findings, StepDocument, WarningDocument, from_json};
 use prosopon_store::{JobId, JobRecord, JobState, StepRecord};
 
@@ -90,16 +91,21 @@ impl Service {
             running.phase().as_str().clone_into(&mut record.phase);
             record.progress = running.control.progress();
         }
-        let stored = record.warnings.iter().map(|text| from_json::<WarningDocument>("a warning of the job", text));
-        let mut findings: Findings = stored.collect::<Result<Vec<_>, _>>()?.into_iter().collect();
+        let mut findings: Findings = record.warnings.iter().map(|text| WarningDocument::from_row(text)).collect();
         findings.extend(running.iter().flat_map(|running| running.warnings()));
+        let read = |step: &StepRecord| from_json::<StepDocument>("the document of the step", &step.document);
+        let steps: Vec<StepDocument> = steps.iter().map(read).collect::<Result<_, _>>()?;
+        // Steps outlive a process that was killed; its other warnings come back when the job continues.
+        let known: Vec<WarningDocument> = findings.iter().cloned().collect();
+        let of_steps = steps.iter().flat_map(|step| step.findings.iter().map(move |warning| (step.k, warning)));
+        findings.extend(of_steps.filter(|(_, w)| !known.contains(w)).map(|(k, w)| step_warning(k, w)));
         let queue_position = queue.map(|queue| {
             let before = queue.iter().position(|id| *id == record.id).unwrap_or(0);
             place(before, self.running_in(record.kind.lane()))
         });
         Ok(JobStatus {
             steps_done: u32::try_from(steps.len()).unwrap_or(u32::MAX),
-            residuals: steps.iter().map(residual).collect::<Result<_, _>>()?,
+            residuals: steps.iter().map(|step| step.relative_residual).collect(),
             eta_s: running.and_then(|r| r.eta_s()),
             queue_position,
             findings,
@@ -130,9 +136,4 @@ impl Service {
         }
         self.status(id).await
     }
-}
-
-fn residual(step: &StepRecord) -> Result<f64, Fault> {
-    let document = from_json::<StepDocument>("the document of the step", &step.document)?;
-    Ok(document.relative_residual)
 }

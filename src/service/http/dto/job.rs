@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use crate::http::problem::ProblemDocument;
-use prosopon_contract::{Fault, Findings, WarningDocument, from_json};
+use prosopon_contract::{Fault, Findings, WarningDocument};
 use prosopon_jobs::JobStatus;
 use prosopon_store::{JobKind, JobRecord, JobState};
 
@@ -110,7 +110,7 @@ impl From<&JobStatus> for JobView {
 
 /// The stored warnings of a row.
 fn findings(stored: &[String]) -> Findings {
-    stored.iter().filter_map(|text| from_json::<WarningDocument>("a warning of a job", text).ok()).collect()
+    stored.iter().map(|text| WarningDocument::from_row(text)).collect()
 }
 
 fn links(record: &JobRecord, steps_done: u32) -> BTreeMap<String, String> {

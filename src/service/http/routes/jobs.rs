@@ -20,7 +20,7 @@ use crate::http::{AppState, Problem};
 use prosopon_contract::{
     CutDocument, Fault, FaultKind, SessionSettings, SolveRequest, TissueDocument, from_json, short_number,
 };
-use prosopon_jobs::{Order, SceneTask, SolveTask};
+use prosopon_jobs::{HEAD_LOCKING, Order, SceneTask, SolveTask};
 use prosopon_planning::simulate::READY_MESH_LOCKING;
 use prosopon_session::SessionParts;
 use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, PlanRecord, SessionId};
@@ -72,7 +72,14 @@ pub(in crate::http) async fn create(
     let parts = SessionParts::load(state.service.store(), session).await?;
     check_painted(&request, &parts)?;
     let defaults = session_settings(&state, session).await?;
-    let request = request.resolved(&defaults, state.service.settings().max_wall)?;
+    let ready = parts.tissue()?;
+    let locking = if ready.is_some() {
+        request.check_uploaded_mesh()?;
+        READY_MESH_LOCKING
+    } else {
+        HEAD_LOCKING
+    };
+    let request = request.resolved(&defaults, state.service.settings().max_wall, locking)?;
     let (supersede, max_wall_s, mesh_job) = (request.supersede, request.max_wall_s, request.mesh);
     let steps = request.steps();
     let order = |content: String| Order {
@@ -82,7 +89,7 @@ pub(in crate::http) async fn create(
         max_wall_s,
         ..Order::new(session, JobKind::Solve, content)
     };
-    if let Some(ready) = parts.tissue()? {
+    if let Some(ready) = ready {
         let scene = scene(&state, &parts, session, &request, ready).await?;
         return accept_order(&state, order(stored(&scene)?), Some(&answering)).await;
     }
@@ -150,7 +157,6 @@ async fn scene(
     request: &SolveRequest,
     ready: TissueDocument,
 ) -> Result<SceneTask, Problem> {
-    request.check_uploaded_mesh()?;
     let plan = plans::find(state, session, request.plan.into()).await.map_err(|p| as_invalid_request(p, "/plan"))?;
     let bone = match plan.osteotomy {
         Some(osteotomy) => Some(current_osteotomy(state, parts, session, osteotomy, "/plan").await?.1),
@@ -160,11 +166,7 @@ async fn scene(
     let (cuts, cut_warnings) = bone.map(|b| (b.cuts, b.findings.iter().cloned().collect())).unzip();
     Ok(SceneTask {
         ready,
-        request: SolveRequest {
-            leave_out_below_mm: Some(0.0),
-            locking: request.locking.or(Some(READY_MESH_LOCKING.into())),
-            ..lasting(request)
-        },
+        request: SolveRequest { leave_out_below_mm: Some(0.0), ..lasting(request) },
         plan: plans::content(&plan)?,
         osteotomy_id: plan.osteotomy,
         cuts,
@@ -198,10 +200,8 @@ async fn check_reference(
         let detail = format!("job {id} is not a succeeded solve but a {} that is {}", job.kind.as_str(), job.state);
         return Err(wrong(FaultKind::InvalidRequest, detail));
     }
-    let Ok(solved) = serde_json::from_str::<SolveTask>(&job.request) else {
-        let detail = format!("job {id} solved an uploaded tissue mesh, whose skin differs");
-        return Err(wrong(FaultKind::InvalidRequest, detail));
-    };
+    let solved = SolveTask::of(&job)
+        .map_err(|why| wrong(FaultKind::InvalidRequest, format!("job {id} {why}; name another one")))?;
     if solved.cuts != cuts || solved.plan.paths != plans::content(plan)?.paths {
         let detail =
             format!("job {id} followed plan {}, whose cuts or paths differ from plan {}", solved.request.plan, plan.id);

@@ -14,7 +14,7 @@ use crate::http::extract::{Ids, Params};
 use crate::http::result::{not_modified, tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
-use prosopon_contract::{ErrorDocument, Fault, FaultKind, from_json};
+use prosopon_contract::{ErrorDocument, Fault, FaultKind, WarningDocument, from_json};
 use prosopon_formats::export::SurfaceView;
 use prosopon_geometry::Vector;
 use prosopon_jobs::{Service, rest_of};
@@ -224,7 +224,7 @@ fn error_of(job: &JobRecord, step: &StepRecord) -> Result<ErrorDocument, Problem
         let detail = "the step has no error map: the session had no target and the job no reference_job with a step at this \
                       path parameter, or the job did not ask for the output error";
         let warnings: Vec<serde_json::Value> =
-            job.warnings.iter().filter_map(|w| serde_json::from_str(w).ok()).collect();
+            job.warnings.iter().map(|w| serde_json::json!(WarningDocument::from_row(w))).collect();
         let fault = Fault::new(FaultKind::NoReference, detail).with("warnings", warnings);
         return Err(fault.into());
     };

@@ -24,9 +24,7 @@ pub(super) async fn with_warm_start(
         let detail = format!("job {id} is not a succeeded solve but a {} that is {}", job.kind.as_str(), job.state);
         return Err(refused(detail).into());
     }
-    let Ok(before) = serde_json::from_str::<SolveTask>(&job.request) else {
-        return Err(refused(format!("job {id} solved an uploaded tissue mesh; solve from rest")).into());
-    };
+    let before = SolveTask::of(&job).map_err(|why| refused(format!("job {id} {why}; solve from rest")))?;
     if job.session != session {
         return Err(refused(format!("job {id} belongs to another session; name a job of this session")).into());
     }

@@ -60,7 +60,10 @@ pub(super) async fn perform(service: Arc<Service>, job: JobRecord, running: Arc<
 
 impl Context {
     fn request<T: DeserializeOwned>(&self) -> Result<T, Fault> {
-        from_json("the request of the job", &self.job.request)
+        from_json("the request of the job", &self.job.request).map_err(|_| {
+            let detail = "an earlier version of the service accepted this job, and this one cannot read its request; send it again";
+            Fault::new(FaultKind::Stale, detail).with("stale", "job")
+        })
     }
 
     async fn parts(&self) -> Result<SessionParts, Halt> {

@@ -360,3 +360,33 @@ impl SolveRequest {
         self.outputs.as_ref().is_some_and(|outputs| outputs.contains(&OutputName::Tissue))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn resolved(text: &str) -> SolveRequest {
+        let request: SolveRequest = serde_json::from_str(text).unwrap();
+        request.resolved(&SessionSettings::default(), Duration::from_secs(3600), Locking::None).unwrap()
+    }
+
+    #[test]
+    fn a_default_that_is_given_makes_no_other_request() {
+        const PLAN: &str = r#""plan": "0192f0c4-0000-7000-8000-000000000000", "model": "linear""#;
+        let plain = resolved(&format!("{{{PLAN}}}"));
+        for given in [
+            r#""locking": "none""#,
+            r#""skin_element": "wedge""#,
+            r#""relative_residual": 1e-4"#,
+            r#""penetration_tolerance_mm": 0.05"#,
+            r#""leave_out_below_mm": 0.03"#,
+            r#""outputs": ["error", "skin", "skin"]"#,
+            r#""attachment": {"paint": []}"#,
+            r#""preset": "wang_2009_stable", "steps": 6"#,
+        ] {
+            assert_eq!(resolved(&format!("{{{PLAN}, {given}}}")), plain, "{given}");
+        }
+        assert_ne!(resolved(&format!(r#"{{{PLAN}, "locking": "smoothed"}}"#)), plain);
+        assert_eq!(serde_json::from_str::<SolveRequest>(&serde_json::to_string(&plain).unwrap()).unwrap(), plain);
+    }
+}

@@ -191,16 +191,20 @@ impl SceneFile {
             (Some(MaterialsRequest::Laws(laws)), _) => laws,
         };
         let mut document = TissueLawsDocument::default();
-        for (name, law) in laws {
-            let place = format!("/materials/{name}");
-            let member = match name.as_str() {
-                "skin" => &mut document.skin,
-                "muscle" => &mut document.muscle,
-                "fat" => &mut document.fat,
-                "mucosa" => &mut document.mucosa,
-                _ => return Err(value(place, "is not a tissue: use skin, muscle, fat or mucosa")),
-            };
-            *member = Some(strict_value::<MaterialDocument>(law).map_err(|e| value(place, e.to_string()))?);
+        let members = [
+            ("skin", &mut document.skin),
+            ("muscle", &mut document.muscle),
+            ("fat", &mut document.fat),
+            ("mucosa", &mut document.mucosa),
+        ];
+        if let Some(unknown) = laws.keys().find(|key| members.iter().all(|(name, _)| name != key)) {
+            return Err(value(format!("/materials/{unknown}"), "is not a tissue: use skin, muscle, fat or mucosa"));
+        }
+        for (name, member) in members {
+            if let Some(law) = laws.get(name) {
+                let read = strict_value::<MaterialDocument>(law);
+                *member = Some(read.map_err(|e| value(format!("/materials/{name}"), e.to_string()))?);
+            }
         }
         if self.preset.is_none() {
             let mesh = &ready.mesh;

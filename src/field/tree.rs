@@ -47,6 +47,9 @@ pub(super) struct Nearest {
 }
 
 /// Bounding volume hierarchy over triangles, split at the median of the longest axis of their centres.
+///
+/// For closest points alone parry3d is as fast (`bench collision`: 14 ms against 16 for 15 000 points). Ours stays because its
+/// nodes also serve winding numbers, queries that start at a neighbour's triangle, and approximate queries.
 #[derive(Debug, Clone)]
 pub(super) struct Tree {
     pub(super) nodes: Vec<Node>,

@@ -41,7 +41,7 @@ pub struct Clearance {
 /// whose distances cannot be computed.
 ///
 /// ```
-/// use prosopon_geometry::{Point, Vector};
+/// use prosopon_geometry::{Point, TriMesh, Vector};
 /// use prosopon_planning::plan::{BoundedPlane, Cut, Osteotomy, Protected, Segment, clearances};
 ///
 /// # let corners = [[0.0, 0.0, 0.0], [40.0, 0.0, 0.0], [0.0, 40.0, 0.0], [0.0, 0.0, 40.0]];

@@ -43,7 +43,7 @@ type Built = (SignedField, usize, Vec<Warning>);
 /// Builds a field of the surface in `mesh` and writes its distances at the points in `points` to `out`.
 ///
 /// The winding number decides the sign of distances near zero. Times and memory go to `timing` as JSON, warnings about the
-/// surface to `told`.
+/// surface to `warnings_out`.
 ///
 /// # Errors
 /// [`BenchError`].
@@ -53,7 +53,7 @@ pub fn evaluate(
     points: &Path,
     out: &Path,
     timing: Option<&Path>,
-    told: &mut dyn Write,
+    warnings_out: &mut dyn Write,
 ) -> Result<(), BenchError> {
     let points = read_points(points)?;
     let surface = read_surface(mesh)?;
@@ -66,7 +66,7 @@ pub fn evaluate(
     let ((field, _, warnings), mut wall_s, mut cpu_s) = timed(build)?;
     let peak_mb = process::peak_mb().zip(before).map(|(peak, before)| peak - before);
     for warning in warnings {
-        writeln!(told, "warning: {warning}")?;
+        writeln!(warnings_out, "warning: {warning}")?;
     }
     let exact = ExactDistance::new(&surface);
     let distances: Vec<f64> = points.par_iter().map(|p| field.distance_with_checked_sign(&exact, p).distance).collect();
@@ -169,9 +169,9 @@ mod tests {
         let path = |name: &str| folder.path().join(name);
         std::fs::write(path("open.stl"), prosopon_formats::export::stl(&mesh)).unwrap();
         write_points(&path("points.bin"), [Point::new(5.0, 5.0, 1.0)].iter()).unwrap();
-        let mut told = Vec::new();
+        let mut warnings_out = Vec::new();
         let mut run = |settings: &MethodSettings| {
-            evaluate(&path("open.stl"), settings, &path("points.bin"), &path("out.bin"), None, &mut told)
+            evaluate(&path("open.stl"), settings, &path("points.bin"), &path("out.bin"), None, &mut warnings_out)
         };
         let wrong = MethodSettings { resolution: Some(0), ..MethodSettings::default() };
         match run(&wrong) {
@@ -181,8 +181,8 @@ mod tests {
             other => panic!("{other:?}"),
         }
         run(&MethodSettings::default()).unwrap();
-        let told = String::from_utf8(told).unwrap();
-        assert!(told.starts_with("warning: ") && told.contains("edges"), "{told}");
+        let warnings_out = String::from_utf8(warnings_out).unwrap();
+        assert!(warnings_out.starts_with("warning: ") && warnings_out.contains("edges"), "{warnings_out}");
         assert_eq!(std::fs::read(path("out.bin")).unwrap().len(), 8);
     }
 }

@@ -43,8 +43,8 @@ impl ReachStudy<'_> {
                 .to_owned();
         let mut row = |below_mm: f64, timing: &ModelTiming, off: [f64; 3]| {
             let kept = timing.unknowns as f64 / whole.unknowns as f64;
-            let told = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.1}"));
-            let (cpu, peak) = (told(timing.cpu_s), told(timing.peak_mb));
+            let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.1}"));
+            let (cpu, peak) = (number(timing.cpu_s), number(timing.peak_mb));
             text += &format!(
                 "{below_mm},{},{kept:.3},{:.2},{:.2},{cpu},{peak},{:.4},{:.4},{:.4}\n",
                 timing.unknowns, timing.solve_s, timing.first_frame_s, off[0], off[1], off[2]

@@ -159,7 +159,7 @@ impl OperationStudy<'_> {
                         Ok(scene) => self.solved(source, &head, scene, &operation, case)?,
                         Err(why) => Row::refused(&source.name(), &operation, case, why.clone()),
                     };
-                    writeln!(out, "{}", told(&row))?;
+                    writeln!(out, "{}", line_of(&row))?;
                     rows.push(row);
                     write(self.csv, csv(&rows).as_bytes())?;
                 }
@@ -346,7 +346,7 @@ fn csv(rows: &[Row]) -> String {
     text
 }
 
-fn told(r: &Row) -> String {
+fn line_of(r: &Row) -> String {
     format!(
         "{:<12} {:<30} {:<18} {:<8} {:>6.1} s ({} steps, {} substeps, {} iterations, contact {:.0} %) {}",
         r.head,

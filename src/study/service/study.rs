@@ -68,7 +68,7 @@ impl ServiceStudy<'_> {
         };
         let loaded = load.run(&server.url)?;
         drop(server);
-        let reads_are_quick = self.tell_load(&loaded, out)?;
+        let reads_are_quick = self.report_load(&loaded, out)?;
         write(&beside("svg"), latency_chart(&loaded.latencies)?.as_bytes())?;
 
         if self.jobs == 0 {
@@ -77,7 +77,7 @@ impl ServiceStudy<'_> {
         let server = self.server(&scratch.path("memory"), 1)?;
         let (samples, latencies) = memory::run(&server, self.jobs)?;
         drop(server);
-        let is_flat = self.tell_memory(&samples, &latencies, out)?;
+        let is_flat = self.report_memory(&samples, &latencies, out)?;
         writeln!(out, "wrote {} and beside it .svg, .memory.csv, .memory.svg", self.csv.display())?;
         Ok(reads_are_quick && is_flat && loaded.latencies.errors() + latencies.errors() == 0)
     }
@@ -89,8 +89,8 @@ impl ServiceStudy<'_> {
         }
     }
 
-    fn tell_load(&self, loaded: &Loaded, out: &mut dyn Write) -> Result<bool, BenchError> {
-        let told = &loaded.latencies;
+    fn report_load(&self, loaded: &Loaded, out: &mut dyn Write) -> Result<bool, BenchError> {
+        let latencies = &loaded.latencies;
         writeln!(
             out,
             "{} sessions, {} pollers, {} followers, {} solvers, 2 uploaders for {:.0} s: {} solves, {} events, {} errors{}",
@@ -101,31 +101,36 @@ impl ServiceStudy<'_> {
             loaded.seconds,
             loaded.solved,
             loaded.events,
-            told.errors(),
-            told.first_error.as_ref().map_or(String::new(), |e| format!(" (the first: {e})")),
+            latencies.errors(),
+            latencies.first_error.as_ref().map_or(String::new(), |e| format!(" (the first: {e})")),
         )?;
         let mut csv = String::from("what,requests,errors,p50_ms,p95_ms,p99_ms,max_ms\n");
         let status: &[Kind] = &[Kind::Job, Kind::Session];
         let each = Kind::TOLD.map(|k| (k.name(), vec![k]));
         for (name, kinds) in std::iter::once(("status reads", status.to_vec())).chain(each) {
-            let ms = told.sorted_ms(&kinds);
-            let errors: usize = kinds.iter().map(|k| told.errors_of(*k)).sum();
+            let ms = latencies.sorted_ms(&kinds);
+            let errors: usize = kinds.iter().map(|k| latencies.errors_of(*k)).sum();
             let [p50, p95, p99, max] = [0.5, 0.95, 0.99, 1.0].map(|share| percentile(&ms, share));
             csv += &format!("{name},{},{errors},{p50:.2},{p95:.2},{p99:.2},{max:.2}\n", ms.len());
         }
         write!(out, "{csv}")?;
         write(self.csv, csv.as_bytes())?;
-        Ok(percentile(&told.sorted_ms(status), 0.99) < GOAL_MS)
+        Ok(percentile(&latencies.sorted_ms(status), 0.99) < GOAL_MS)
     }
 
-    fn tell_memory(&self, samples: &[Sample], told: &Latencies, out: &mut dyn Write) -> Result<bool, BenchError> {
+    fn report_memory(
+        &self,
+        samples: &[Sample],
+        latencies: &Latencies,
+        out: &mut dyn Write,
+    ) -> Result<bool, BenchError> {
         let mut csv = String::from("jobs,wall_s,memory_mb\n");
         for s in samples {
             csv += &format!("{},{:.2},{:.1}\n", s.jobs, s.wall_s, s.memory_mb);
         }
         write(&self.csv.with_extension("memory.csv"), csv.as_bytes())?;
         let wall_s = samples.last().map_or(0.0, |s| s.wall_s);
-        writeln!(out, "{} small jobs in {wall_s:.0} s, {} errors", self.jobs, told.errors())?;
+        writeln!(out, "{} small jobs in {wall_s:.0} s, {} errors", self.jobs, latencies.errors())?;
         let Some(plateau) = Plateau::of(samples) else {
             writeln!(out, "the memory of the server is unknown: give its process id with --pid")?;
             return Ok(self.url.is_some());
@@ -144,13 +149,13 @@ impl ServiceStudy<'_> {
 }
 
 /// Chart of the time that one request in N exceeds.
-fn latency_chart(told: &Latencies) -> Result<String, BenchError> {
+fn latency_chart(latencies: &Latencies) -> Result<String, BenchError> {
     let colours = [(0, 114, 178), (0, 158, 115), (213, 94, 0), (204, 121, 167), (86, 180, 233)];
     let curves: Vec<Curve> = Kind::TOLD
         .into_iter()
         .zip(colours)
         .map(|(kind, (r, g, b))| {
-            let ms = told.sorted_ms(&[kind]);
+            let ms = latencies.sorted_ms(&[kind]);
             let most = ms.len() as f64;
             let points = [2.0, 4.0, 10.0, 20.0, 100.0, 200.0, 1000.0, 10_000.0].into_iter().filter(|n| *n <= most);
             let points = points.map(|n| (n, percentile(&ms, 1.0 - 1.0 / n))).collect();

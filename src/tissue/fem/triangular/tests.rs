@@ -2,7 +2,7 @@ use super::*;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
+    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Conj, MatMut, Par, Side};
@@ -27,10 +27,8 @@ fn arrow(blocks: usize, width: usize, common: usize) -> SparseColMat<usize, f64>
     SparseColMat::try_new_from_triplets(n, n, &triplets).unwrap()
 }
 
-#[test]
-fn solves_agree_with_faer_and_do_not_depend_on_threads() {
-    let matrix = arrow(9, 37, 1500);
-    let n = matrix.ncols();
+/// Supernodal factor of a matrix in its own order.
+fn factor(matrix: &SparseColMat<usize, f64>) -> (SymbolicCholesky<usize>, Vec<f64>) {
     let params = CholeskySymbolicParams {
         supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
         ..CholeskySymbolicParams::default()
@@ -50,6 +48,14 @@ fn solves_agree_with_faer_and_do_not_depend_on_threads() {
             Default::default(),
         )
         .unwrap();
+    (symbolic, values)
+}
+
+#[test]
+fn solves_agree_with_faer_and_do_not_depend_on_threads() {
+    let matrix = arrow(9, 37, 1500);
+    let n = matrix.ncols();
+    let (symbolic, values) = factor(&matrix);
     let SymbolicCholeskyRaw::Supernodal(supernodal) = symbolic.raw() else { panic!("simplicial") };
     let l = SupernodalLltRef::new(supernodal, &values);
     let schedule = Schedule::new(supernodal);
@@ -140,26 +146,7 @@ fn times_of_both_solves() {
     }
     let matrix = lattice(26);
     let n = matrix.ncols();
-    let params = CholeskySymbolicParams {
-        supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-        ..CholeskySymbolicParams::default()
-    };
-    let symbolic =
-        factorize_symbolic_cholesky(matrix.symbolic(), Side::Upper, SymmetricOrdering::Identity, params).unwrap();
-    let mut values = vec![0.0; symbolic.len_val()];
-    let parallel = Par::rayon(2);
-    let mut memory = MemBuffer::new(symbolic.factorize_numeric_llt_scratch::<f64>(parallel, Default::default()));
-    symbolic
-        .factorize_numeric_llt(
-            &mut values,
-            matrix.as_ref(),
-            Side::Upper,
-            Default::default(),
-            parallel,
-            MemStack::new(&mut memory),
-            Default::default(),
-        )
-        .unwrap();
+    let (symbolic, values) = factor(&matrix);
     let SymbolicCholeskyRaw::Supernodal(supernodal) = symbolic.raw() else { panic!("simplicial") };
     let l = SupernodalLltRef::new(supernodal, &values);
     let schedule = Schedule::new(supernodal);

@@ -68,6 +68,7 @@ impl Slab {
             prisms,
             bone_faces,
             depth_cut_nodes: Vec::new(),
+            facing: Vec::new(),
             prism_tissue: Vec::new(),
         }
     }

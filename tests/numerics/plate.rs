@@ -38,6 +38,7 @@ fn plate(n: usize, distortion: f64) -> MixedMesh {
         prisms,
         bone_faces: Vec::new(),
         depth_cut_nodes: Vec::new(),
+        facing: Vec::new(),
         prism_tissue: Vec::new(),
     }
 }

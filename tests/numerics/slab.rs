@@ -71,6 +71,7 @@ impl Slab {
             prisms,
             bone_faces: Vec::new(),
             depth_cut_nodes: Vec::new(),
+            facing: Vec::new(),
             prism_tissue: Vec::new(),
         }
     }

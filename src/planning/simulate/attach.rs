@@ -63,6 +63,8 @@ pub struct Attached {
     pub tied: BTreeMap<u32, usize>,
     /// Nodes that slide on bone.
     pub sliding: usize,
+    /// Nodes that glide on each segment.
+    pub gliding: BTreeMap<u32, usize>,
     /// Nodes at bone that are free.
     pub free_at_bone: usize,
     /// Nodes fixed where the mesh ends inside the tissue.
@@ -206,7 +208,7 @@ fn strip(mesh: &mut MixedMesh, near: &Nearness<'_>, sliding: &[Aabb], uppers: &[
                 near.distance(p, |id| id != own && (near.moves(own) || near.moves(id))) < STRIPPED_MM
                     || (!near.moves(own) && is_above && near.distance(p, |id| uppers.contains(&id)) < STRIPPED_ABOVE_MM)
             }
-            Attachment::Free | Attachment::Sliding | Attachment::Fixed => false,
+            Attachment::Free | Attachment::Sliding | Attachment::Gliding(_) | Attachment::Fixed => false,
         };
         if reach {
             mesh.attachment[node] = Attachment::Sliding;
@@ -281,6 +283,7 @@ fn count(mesh: &MixedMesh, painted: usize) -> Attached {
         match attachment {
             Attachment::Tied(segment) => *out.tied.entry(*segment).or_insert(0) += 1,
             Attachment::Sliding => out.sliding += 1,
+            Attachment::Gliding(segment) => *out.gliding.entry(*segment).or_insert(0) += 1,
             Attachment::Fixed => out.fixed += 1,
             Attachment::Free => {}
         }
@@ -344,6 +347,7 @@ mod tests {
             attachment: vec![Attachment::Sliding; positions.len()],
             positions,
             depth_cut_nodes: Vec::new(),
+            facing: Vec::new(),
         }
     }
 

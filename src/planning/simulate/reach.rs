@@ -61,7 +61,9 @@ pub(super) fn beyond_reach(
     };
     let held: Vec<Option<f64>> = (mesh.attachment.iter().enumerate())
         .map(|(node, attachment)| match attachment {
-            Attachment::Tied(segment) => Some(if moving.contains(segment) { displacement_mm } else { 0.0 }),
+            Attachment::Tied(segment) | Attachment::Gliding(segment) => {
+                Some(if moving.contains(segment) { displacement_mm } else { 0.0 })
+            }
             Attachment::Fixed => Some(0.0),
             Attachment::Sliding if pushed(node) => Some(displacement_mm),
             Attachment::Sliding | Attachment::Free => None,
@@ -187,6 +189,7 @@ mod tests {
             bone_faces: Vec::new(),
             attachment: Vec::new(),
             depth_cut_nodes: Vec::new(),
+            facing: Vec::new(),
         };
         for i in 0..=n {
             for (j, k) in (0..4).flat_map(|j| (0..4).map(move |k| (j, k))) {

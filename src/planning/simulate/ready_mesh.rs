@@ -152,6 +152,7 @@ impl ReadyMesh {
             bone_faces,
             attachment,
             depth_cut_nodes: Vec::new(),
+            facing: Vec::new(),
         };
         Ok(Self { mesh, boundary, cell_indices, warnings })
     }

@@ -321,7 +321,7 @@ fn border_motion_mm(mesh: &MixedMesh, left_out: &[u32], nodes: &[Point]) -> f64 
     left_out.iter().for_each(|node| beyond[*node as usize] = true);
     let cells = mesh.tetrahedra.iter().map(<[u32; 4]>::as_slice).chain(mesh.prisms.iter().map(<[u32; 6]>::as_slice));
     let border = cells.filter(|cell| cell.iter().any(|n| beyond[*n as usize])).flatten();
-    let free = border.filter(|n| matches!(mesh.attachment[**n as usize], Attachment::Free | Attachment::Sliding));
+    let free = border.filter(|n| !matches!(mesh.attachment[**n as usize], Attachment::Tied(_) | Attachment::Fixed));
     free.map(|n| (nodes[*n as usize] - mesh.positions[*n as usize]).norm()).fold(0.0, f64::max)
 }
 

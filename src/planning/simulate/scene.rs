@@ -136,7 +136,9 @@ impl Scene {
                 let is_held = match attachment[node] {
                     Attachment::Tied(own) => own != *segment,
                     Attachment::Fixed => true,
-                    Attachment::Free | Attachment::Sliding => held_axes.get(node).is_some_and(|axes| *axes == 7),
+                    Attachment::Free | Attachment::Sliding | Attachment::Gliding(_) => {
+                        held_axes.get(node).is_some_and(|axes| *axes == 7)
+                    }
                 };
                 let depth = -field.value(&motion.inverse_transform_point(&x[node]));
                 (is_held && depth > HELD_INSIDE_MM).then_some(depth)
@@ -189,7 +191,11 @@ impl Scene {
         let mut still: Vec<u32> = (attachment.iter())
             .filter_map(|a| match a {
                 Attachment::Tied(s) if *s > 0 && !self.plan.paths.iter().any(|p| p.segment() == *s) => Some(*s),
-                Attachment::Tied(_) | Attachment::Free | Attachment::Sliding | Attachment::Fixed => None,
+                Attachment::Tied(_)
+                | Attachment::Gliding(_)
+                | Attachment::Free
+                | Attachment::Sliding
+                | Attachment::Fixed => None,
             })
             .collect();
         still.sort_unstable();

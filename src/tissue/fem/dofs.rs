@@ -69,7 +69,7 @@ impl Conditions {
             .attachment
             .iter()
             .map(|a| match *a {
-                Attachment::Free | Attachment::Sliding => Condition::Free,
+                Attachment::Free | Attachment::Sliding | Attachment::Gliding(_) => Condition::Free,
                 Attachment::Tied(segment) => Condition::Segment(segment),
                 Attachment::Fixed => Condition::Fixed,
             })

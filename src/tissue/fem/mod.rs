@@ -29,6 +29,7 @@
 //!     bone_faces: Vec::new(),
 //!     attachment: vec![Attachment::Free; 8],
 //!     depth_cut_nodes: Vec::new(),
+//!     facing: Vec::new(),
 //! };
 //! // The faces x = 0 and y = 0 are planes of symmetry; all nodes are held along z, and those at z = 1 move by 0.1 mm.
 //! let held_axes = (0..8u8).map(|i| u8::from(i & 1 == 0) + 2 * u8::from(i & 2 == 0) + 4).collect();

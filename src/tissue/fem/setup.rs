@@ -457,7 +457,7 @@ fn check_bodies(bodies: &[ContactBody<'_>]) -> Result<(), SolveError> {
 pub(super) fn tied_segments(mesh: &MixedMesh) -> Vec<u32> {
     let mut segments: Vec<u32> = (mesh.attachment.iter())
         .filter_map(|a| match a {
-            Attachment::Tied(segment) => Some(*segment),
+            Attachment::Tied(segment) | Attachment::Gliding(segment) => Some(*segment),
             Attachment::Free | Attachment::Sliding | Attachment::Fixed => None,
         })
         .collect();

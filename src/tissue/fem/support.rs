@@ -30,7 +30,7 @@ pub fn check_support(mesh: &MixedMesh, held_axes: &[u8]) -> Result<(), SolveErro
     }
     let axes_of = |node: usize| match mesh.attachment[node] {
         Attachment::Tied(_) | Attachment::Fixed => ALL_AXES,
-        Attachment::Free | Attachment::Sliding => held_axes.get(node).copied().unwrap_or(0),
+        Attachment::Free | Attachment::Sliding | Attachment::Gliding(_) => held_axes.get(node).copied().unwrap_or(0),
     };
     for part in parts.chunk_by(|a, b| a.0 == b.0) {
         let held: Vec<(Point, u8)> = part

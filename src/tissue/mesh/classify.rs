@@ -86,6 +86,7 @@ pub(super) fn assemble(shape: &Shape<'_, '_>) -> MixedMesh {
         bone_faces,
         attachment,
         depth_cut_nodes,
+        facing: Vec::new(),
     }
 }
 

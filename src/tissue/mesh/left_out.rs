@@ -87,6 +87,7 @@ mod tests {
             bone_faces: Vec::new(),
             attachment: vec![super::super::Attachment::Free; 4],
             depth_cut_nodes: Vec::new(),
+            facing: Vec::new(),
         };
         assert_eq!(LeftOut::default().warnings(&mesh, 4.0), []);
         let found = |pocket_mm3: f64, left_out: usize| {

@@ -36,21 +36,31 @@ pub enum Attachment {
     Sliding,
     /// Moves with bone segment `k`; 0 is the fixed skull.
     Tied(u32),
+    /// Glides on bone segment `k`: held to its surface in both normal directions, free along it.
+    Gliding(u32),
     /// On a far boundary (neck, back of the head): fixed.
     Fixed,
 }
 
 impl Attachment {
-    /// Number used in files: -1 free, 0 skull or fixed, k segment k, -2 sliding.
+    /// Number used in files: -1 free, 0 skull or fixed, k segment k, -2 sliding, -3 - k gliding on segment k.
     #[must_use]
     pub fn number(self) -> f64 {
         match self {
+            Self::Gliding(segment) => -3.0 - f64::from(segment),
             Self::Free => -1.0,
             Self::Sliding => -2.0,
             Self::Tied(segment) => f64::from(segment),
             Self::Fixed => 0.0,
         }
     }
+}
+
+/// Two parts of the tissue's surface that may touch each other: the red margins of the lips.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Facing {
+    /// Boundary triangles of each part, counter-clockwise seen from outside the tissue.
+    pub sides: [Vec<[u32; 3]>; 2],
 }
 
 /// Prisms and tetrahedra of one face at rest.
@@ -78,6 +88,8 @@ pub struct MixedMesh {
     /// Tissue below [`MeshSettings::depth_mm`](super::MeshSettings::depth_mm) is cut off there.
     /// [`build`](super::build) makes them [`Attachment::Fixed`]; the caller should free those near moving bone.
     pub depth_cut_nodes: Vec<u32>,
+    /// Parts of the surface that may touch each other; empty where no slit is cut.
+    pub facing: Vec<Facing>,
 }
 
 impl MixedMesh {

@@ -55,5 +55,5 @@ pub use classify::tie;
 pub use domain::{Domain, MeshSettings, Region};
 pub use embedding::{Embedding, embed};
 pub use error::MeshError;
-pub use mixed_mesh::{Attachment, MixedMesh, Tissue};
+pub use mixed_mesh::{Attachment, Facing, MixedMesh, Tissue};
 pub use report::{MeshReport, report};

@@ -305,7 +305,9 @@ fn labels_agree(name: &str, mesh: &MixedMesh) {
             Attachment::Sliding => assert!(at_bone.contains(&node) && !outer.contains(&node), "{name}: node {node}"),
             Attachment::Free => assert!(!at_bone.contains(&node), "{name}: node {node} at bone is free"),
             Attachment::Fixed => {}
-            Attachment::Tied(_) => panic!("{name}: node {node} is tied to a segment before there are any"),
+            Attachment::Tied(_) | Attachment::Gliding(_) => {
+                panic!("{name}: node {node} is tied to a segment before there are any")
+            }
         }
     }
     assert!(mesh.depth_cut_nodes.is_sorted_by(|a, b| a < b), "{name}");

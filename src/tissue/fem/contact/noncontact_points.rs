@@ -27,7 +27,7 @@ fn mean(nodes: &[u32; 3], x: &[Vector]) -> Point {
 pub(in crate::fem) fn noncontact_points(mesh: &MixedMesh, guarded: &[bool]) -> Vec<[u32; 3]> {
     let is_open = |n: &u32| match mesh.attachment[*n as usize] {
         Attachment::Free | Attachment::Sliding => !guarded[*n as usize],
-        Attachment::Tied(_) | Attachment::Fixed => false,
+        Attachment::Tied(_) | Attachment::Gliding(_) | Attachment::Fixed => false,
     };
     let faces = boundary_triangles(mesh);
     let mut vertices: Vec<u32> = faces.iter().flatten().copied().filter(is_open).collect();

@@ -59,6 +59,7 @@ pub(super) fn shell(outer: &[Point], inner: &[Point], triangles: &[[usize; 3]]) 
         prisms,
         bone_faces: vec![],
         depth_cut_nodes: Vec::new(),
+        facing: Vec::new(),
         prism_tissue: Vec::new(),
         attachment: vec![Attachment::Free; 2 * n],
     }
@@ -106,6 +107,7 @@ pub(super) fn prism(a: f64, b: f64, h: f64, order: [u32; 6]) -> MixedMesh {
         prisms: vec![order],
         bone_faces: vec![],
         depth_cut_nodes: Vec::new(),
+        facing: Vec::new(),
         prism_tissue: Vec::new(),
         attachment: vec![Attachment::Free; 6],
     }

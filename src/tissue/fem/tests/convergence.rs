@@ -170,6 +170,7 @@ fn sphere(n: usize) -> MixedMesh {
         prism_tissue: Vec::new(),
         bone_faces: Vec::new(),
         depth_cut_nodes: Vec::new(),
+        facing: Vec::new(),
     }
 }
 

@@ -107,6 +107,7 @@ impl ReadyMesh {
             held_axes: held_axes(volume)?,
             prescribed_mm: vectors(volume, "prescribed_mm")?,
             loads_n: vectors(volume, "force_n")?,
+            ..Boundary::default()
         };
         check_prescribed(&boundary)?;
         check_loaded(volume, &boundary.loads_n)?;
@@ -162,7 +163,7 @@ impl ReadyMesh {
     /// # Errors
     /// [`SolveError::Problem`] with the place of a part that is not.
     pub fn check_support(&self) -> Result<(), SolveError> {
-        check_support(&self.mesh, &self.boundary.held_axes)
+        check_support(&self.mesh, &self.boundary)
     }
 
     /// Triangles of the outer surface as node indices, counter-clockwise from outside.

@@ -162,8 +162,7 @@ impl PreparedTissue {
             Vec::new()
         };
         left_out.iter().for_each(|node| mesh.attachment[*node as usize] = Attachment::Fixed);
-        let touching = !bone.bodies().is_empty();
-        let equations = Prepared::new(&mesh, touching, &Boundary::default(), settings.solver.clone(), control)?;
+        let equations = Prepared::new(&mesh, &bone.bodies(), &Boundary::default(), settings.solver.clone(), control)?;
         Ok(Self { mesh, equations, moving, displacement_mm, left_out, attached, warnings })
     }
 }

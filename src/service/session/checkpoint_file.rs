@@ -24,7 +24,7 @@ pub struct StoredCheckpoint {
 }
 
 /// Format that this version writes and reads: version of the program, then of the layout.
-const FORMAT: &str = concat!(env!("CARGO_PKG_VERSION"), "+3");
+const FORMAT: &str = concat!(env!("CARGO_PKG_VERSION"), "+4");
 
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "PathCheckpoint")]
@@ -47,6 +47,9 @@ struct CheckpointMembers {
     contact_stiffness: f64,
     multipliers: Vec<(u64, f64)>,
     released: Vec<u64>,
+    spring_stiffness: f64,
+    spring_multipliers: Vec<f64>,
+    pulled_off: Vec<u64>,
     contact_forces: Vec<(u32, [f64; 3])>,
     active: Vec<(u64, u64)>,
     double: bool,
@@ -60,7 +63,7 @@ struct CheckpointMembers {
 #[serde(remote = "FactorOrigin")]
 enum FactorOriginMembers {
     Rest,
-    State { x: Vec<[f64; 3]>, projected: bool },
+    State { x: Vec<[f64; 3]>, projected: bool, springs: Vec<[f64; 9]> },
     Vertices(Vec<[f64; 9]>),
     Nothing,
 }
@@ -118,10 +121,13 @@ mod tests {
             contact_stiffness: 0.3,
             multipliers: vec![(9, 1e-3)],
             released: vec![7],
+            spring_stiffness: 0.4,
+            spring_multipliers: vec![-2e-3, 0.0],
+            pulled_off: vec![1],
             contact_forces: vec![(4, [1.0, 2.0, 3.0])],
             active: vec![(4, 0)],
             double: false,
-            factor: FactorOrigin::State { x, projected: true },
+            factor: FactorOrigin::State { x, projected: true, springs: vec![[0.5; 9]] },
             extra_iterations: 5,
             known_compliance: vec![vec![3, 4], vec![1]],
         };

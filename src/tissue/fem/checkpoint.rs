@@ -5,6 +5,7 @@ use super::equations::Equations;
 use super::error::SolveError;
 use super::factor_origin::{FactorOrigin, numbers, vectors};
 use super::solver::Solver;
+use super::springs::SpringMemory;
 use super::state::PathPoint;
 use super::workspace::FactorState;
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
@@ -37,6 +38,12 @@ pub struct Checkpoint {
     pub multipliers: Vec<(u64, f64)>,
     /// Pairs of contact point and body whose contact is switched off.
     pub released: Vec<u64>,
+    /// Stiffness of gliding, MPa/mm.
+    pub spring_stiffness: f64,
+    /// Multiplier of each spring, MPa.
+    pub spring_multipliers: Vec<f64>,
+    /// Springs whose nodes have been pulled off.
+    pub pulled_off: Vec<u64>,
     /// Contact forces by unknown node from the last converged condensed contact solve, N.
     pub contact_forces: Vec<(u32, [f64; 3])>,
     /// Active pairs of contact point and body in the last quadratic model.
@@ -97,6 +104,9 @@ impl Solver<'_> {
             contact_stiffness: state.contact.stiffness(),
             multipliers: multipliers.filter(|(_, p)| **p != 0.0).map(|(pair, p)| (pair as u64, *p)).collect(),
             released: pairs(state.contact.released()),
+            spring_stiffness: state.springs.stiffness(),
+            spring_multipliers: state.springs.memory().multipliers.clone(),
+            pulled_off: pairs(&state.springs.memory().released),
             contact_forces: state.contact_forces.iter().map(|(node, force)| (*node, (*force).into())).collect(),
             active: state.active.iter().map(|pair| (pair.point as u64, pair.body as u64)).collect(),
             double: work.solver().is_double(),
@@ -131,6 +141,12 @@ impl Solver<'_> {
         let released = flags(&checkpoint.released, multipliers.len())
             .ok_or_else(|| misfit("it has a contact point that does not exist"))?;
         self.equations.state.contact.set_released(released);
+        let multipliers_of_springs = checkpoint.spring_multipliers.clone();
+        let pulled_off = flags(&checkpoint.pulled_off, multipliers_of_springs.len());
+        let memory = pulled_off.map(|released| SpringMemory { multipliers: multipliers_of_springs, released });
+        memory
+            .and_then(|memory| self.equations.state.springs.restore(checkpoint.spring_stiffness, memory))
+            .ok_or_else(|| misfit("it has other gliding nodes"))?;
         if checkpoint.stabilised {
             self.equations.stabilise();
         }

@@ -15,10 +15,10 @@ mod passage;
 mod points;
 
 pub(super) use noncontact_points::{NoncontactPoints, noncontact_points};
+pub(super) use overlap::Overlap;
 pub(super) use passage::Passage;
 pub(super) use points::contact_nodes;
 
-use self::overlap::Overlap;
 use self::passage::{is_clear, is_round_a_rim};
 use self::points::{ContactPoint, contact_points};
 use super::axes::axes_in;

@@ -142,7 +142,7 @@ impl Dofs {
         let mut found = Conditions::new(mesh, boundary, surface);
         found.fix_unused(blocks);
         let Conditions { conditions, rest, axes, owner, oblique_tangents } = found;
-        check_support(mesh, &boundary.held_axes)?;
+        check_support(mesh, boundary)?;
 
         let free: Vec<bool> = conditions.iter().map(|h| *h == Condition::Free).collect();
         let node_of = ordering::elimination_order(blocks, &free, &owner, last)?;

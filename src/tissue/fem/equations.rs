@@ -1,8 +1,6 @@
 //! Energy, balance of forces and reactions at one state of the tissue.
 
-#[cfg(test)]
-use super::assembly::Curvature;
-use super::assembly::Inversion;
+use super::assembly::{Curvature, Inversion};
 use super::axes::axes_in;
 #[cfg(test)]
 use super::contact::Curved;
@@ -10,6 +8,7 @@ use super::contact::{ContactPair, penetration};
 use super::dofs::Condition;
 use super::linear_solve::LinearSolver;
 use super::problem::Problem;
+use super::springs::SpringBlocks;
 use super::state::PathState;
 use super::tuning::NEAR_MM;
 use super::workspace::Workspace;
@@ -35,7 +34,7 @@ pub(super) struct EnergyAt {
 /// Forces out of balance at one state.
 #[derive(Debug)]
 pub(super) struct Balance {
-    /// Energy of the elements, mJ.
+    /// Energy of elements and springs, mJ.
     pub(super) elastic: f64,
     /// Total energy, mJ.
     pub(super) energy: f64,
@@ -64,9 +63,49 @@ impl<'a> Equations<'a> {
     pub(super) fn energy(&self, x: &[Vector], motions: &[Motion]) -> Result<EnergyAt, Inversion> {
         let contact = &self.state.contact;
         let contacts = contact.active_contacts(x, motions);
-        let energy = self.problem.assembly().energy(x)? + contact.energy(&contacts)
-            - self.problem.work_of_loads(x, self.state.load_share);
+        let energy =
+            self.problem.assembly().energy(x)? + self.state.springs.energy(x, motions) + contact.energy(&contacts)
+                - self.problem.work_of_loads(x, self.state.load_share);
         Ok(EnergyAt { energy, penetration_mm: penetration(&contacts) })
+    }
+
+    /// Computes the gradient of the energy of elements and springs in the workspace. Returns that energy, mJ.
+    pub(super) fn compute_forces(&mut self, x: &[Vector], motions: &[Motion]) -> Result<f64, Inversion> {
+        let elastic = self.work.compute_forces(&self.problem, x)?;
+        self.work.add_springs(&self.problem, self.state.springs.gradients(x, motions));
+        Ok(elastic + self.state.springs.energy(x, motions))
+    }
+
+    /// Computes the stiffness of elements and springs, and their forces, in the workspace.
+    pub(super) fn tangent(&mut self, x: &[Vector], motions: &[Motion], curvature: Curvature) -> Result<(), Inversion> {
+        let blocks = self.spring_blocks(x, motions, curvature);
+        self.work.tangent(&self.problem, x, curvature, blocks)?;
+        self.work.add_springs(&self.problem, self.state.springs.gradients(x, motions));
+        Ok(())
+    }
+
+    /// Stiffness of the springs. Small strain has no projected tangent to fall back on, so its springs are always convex.
+    pub(super) fn spring_blocks(&self, x: &[Vector], motions: &[Motion], curvature: Curvature) -> SpringBlocks {
+        let curvature = if self.problem.limits().linear { Curvature::Projected } else { curvature };
+        self.state.springs.blocks(x, motions, curvature)
+    }
+
+    /// The state after the share `step` of a change `d` of the unknowns. Gliding nodes follow the surface of their bodies.
+    pub(super) fn moved(&self, x: &[Vector], motions: &[Motion], step: f64, d: &[f64]) -> Vec<Vector> {
+        let mut moved = x.to_vec();
+        self.problem.dofs().add(step, d, &mut moved);
+        if !self.state.springs.is_empty() {
+            self.state.springs.retract(x, motions, self.problem.dofs(), &mut moved);
+        }
+        moved
+    }
+
+    /// Lets go of gliding nodes on which bone pulls too much. Returns their number.
+    pub(super) fn pull_off(&mut self, x: &[Vector], motions: &[Motion]) -> usize {
+        match self.problem.limits().pull_off_mpa {
+            Some(limit) => self.state.springs.pull_off(x, motions, limit),
+            None => 0,
+        }
     }
 
     /// Subtracts the dead loads from the gradient of the energy.
@@ -77,12 +116,12 @@ impl<'a> Equations<'a> {
     /// Computes the gradients of the total energy by the unknowns and of the elements' energy by all nodes in the workspace.
     pub(super) fn balance(&mut self, x: &[Vector], motions: &[Motion]) -> Result<Balance, Inversion> {
         let begin = self.problem.now();
-        let elastic = self.work.compute_forces(&self.problem, x)?;
+        let elastic = self.compute_forces(x, motions)?;
         self.work.times_mut().residual_s += self.problem.now() - begin;
         Ok(self.balance_of(elastic, x, motions))
     }
 
-    /// [`Equations::balance`] when the elements' energy is known and the workspace has their forces at `x`.
+    /// [`Equations::balance`] when the energy of elements and springs is known and the workspace has their forces at `x`.
     pub(super) fn balance_of(&mut self, elastic: f64, x: &[Vector], motions: &[Motion]) -> Balance {
         let begin = self.problem.now();
         let (contact, load_share) = (&self.state.contact, self.state.load_share);
@@ -120,6 +159,9 @@ impl<'a> Equations<'a> {
                 reaction += scale * scale * held.sum::<f64>();
             }
         }
+        for (point, gradient) in self.problem.spring_points().iter().zip(self.work.spring_gradients()) {
+            reaction += self.problem.force_unit(point.node as usize).powi(2) * gradient.norm_squared();
+        }
         reaction += self.problem.squared_loads(self.state.load_share);
         reaction
     }
@@ -132,7 +174,7 @@ impl<'a> Equations<'a> {
         contacts: &[ContactPair],
         motions: &[Motion],
     ) -> Result<(), Inversion> {
-        self.work.tangent(&self.problem, x, Curvature::Exact)?;
+        self.tangent(x, motions, Curvature::Exact)?;
         let curved = Some(Curved { x, motions, share: 1.0 });
         self.work.add_contact(&self.problem, &self.state.contact, contacts, curved);
         Ok(())
@@ -163,6 +205,11 @@ impl<'a> Equations<'a> {
         let contact = &self.state.contact;
         for (body, force) in contact.bodies().iter().zip(contact.forces_by_body(&contacts)) {
             if let Ok(place) = segments.binary_search(&body.segment) {
+                sums[place] += force;
+            }
+        }
+        for (segment, force) in self.state.springs.forces_by_segment(x, motions) {
+            if let Ok(place) = segments.binary_search(&segment) {
                 sums[place] += force;
             }
         }

@@ -11,6 +11,8 @@ pub enum FactorOrigin {
         x: Vec<[f64; 3]>,
         /// Whether negative eigenvalues of the elements were set to zero.
         projected: bool,
+        /// Blocks of the springs, N/mm, in the order of nodes, row-major.
+        springs: Vec<[f64; 9]>,
     },
     /// No factor: inverse tensors with which the vertices are relaxed, by unknown node, row-major.
     Vertices(Vec<[f64; 9]>),

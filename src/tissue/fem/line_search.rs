@@ -45,8 +45,7 @@ pub(super) fn search(
     let mut inverted = None;
     let uncertain = ENERGY_ROUND_OFF * energy.abs() + equations.problem.limits().energy_noise_mj;
     while step >= SHORTEST_STEP {
-        let mut trial = x.to_vec();
-        equations.problem.dofs().add(step, d, &mut trial);
+        let trial = equations.moved(x, motions, step, d);
         match equations.energy(&trial, motions) {
             Ok(found) if found.penetration_mm > deepest => step *= 0.5,
             Ok(found) if found.energy <= energy + SUFFICIENT_DECREASE * step * slope => {
@@ -87,8 +86,7 @@ fn extended(
 ) -> f64 {
     let mut step = 1.0;
     while step < LONGEST_STEP {
-        let mut trial = x.to_vec();
-        equations.problem.dofs().add(2.0 * step, d, &mut trial);
+        let trial = equations.moved(x, motions, 2.0 * step, d);
         match equations.energy(&trial, motions) {
             Ok(found) if found.energy < energy && found.penetration_mm <= deepest => {
                 energy = found.energy;

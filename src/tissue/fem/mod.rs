@@ -79,6 +79,7 @@ mod report;
 mod settings;
 mod setup;
 mod solver;
+mod springs;
 mod start_state;
 mod state;
 mod step_report;

@@ -13,7 +13,8 @@ use super::state::Purpose;
 use super::tuning::{
     COARSE_DISPLACEMENT, COARSE_RESIDUAL, CONDENSED_ITERATIONS, CONDENSED_MAX_RATIO, DISPLACEMENT_TOLERANCE,
     DISPLAY_STEP_MM, FORCING, FORCING_AT_END, FORCING_RANGE, ITERATIONS_WITHOUT_CURVATURE, MAX_MULTIPLIER_UPDATES,
-    PART_CURVATURE_BELOW_MM, PART_CURVATURE_SHARE, POOR_STEP, SLOW_PENETRATION, STIFFER, WHOLE_CURVATURE_BELOW_MM,
+    MAX_PULL_OFFS, PART_CURVATURE_BELOW_MM, PART_CURVATURE_SHARE, POOR_STEP, SLOW_PENETRATION, STIFFER,
+    WHOLE_CURVATURE_BELOW_MM,
 };
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Vector};
@@ -85,30 +86,46 @@ fn augmented(
 ) -> Result<Equilibrium, Failure> {
     let limits = *equations.problem.limits();
     let mut iterations = 0;
-    let mut last_penetration = f64::INFINITY;
+    let (mut last_penetration, mut last_gap) = (f64::INFINITY, f64::INFINITY);
+    let mut pull_offs = 0;
     let full = match equations.state.purpose {
         Purpose::Measurement => limits.relative_residual,
         Purpose::Display => limits.relative_residual.max(COARSE_RESIDUAL),
     };
     // Multipliers converge to the contact pressure without an exact equilibrium.
-    let mut aim = if equations.state.contact.is_empty() { full } else { full.max(COARSE_RESIDUAL) };
-    for _ in 0..=MAX_MULTIPLIER_UPDATES {
+    let glides = !equations.state.springs.is_empty();
+    let mut aim = if equations.state.contact.is_empty() && !glides { full } else { full.max(COARSE_RESIDUAL) };
+    for _ in 0..=MAX_MULTIPLIER_UPDATES + MAX_PULL_OFFS {
         let found = newton(equations, x, target, aim, control)?;
         iterations += found.iterations;
         let depth = penetration(&found.contacts);
-        if depth > limits.penetration_tolerance_mm {
-            equations.state.contact.augment(&found.contacts);
-            if depth > SLOW_PENETRATION * last_penetration {
+        let gap = equations.state.springs.largest_gap_mm(x, target.motions);
+        if depth.max(gap) > limits.penetration_tolerance_mm {
+            let is_slow =
+                |found: f64, last: f64| found > limits.penetration_tolerance_mm && found > SLOW_PENETRATION * last;
+            if depth > limits.penetration_tolerance_mm {
+                equations.state.contact.augment(&found.contacts);
+            }
+            if gap > limits.penetration_tolerance_mm {
+                equations.state.springs.augment(x, target.motions);
+            }
+            if is_slow(depth, last_penetration) {
                 equations.state.contact.stiffen(STIFFER);
             }
-            last_penetration = depth;
+            if is_slow(gap, last_gap) {
+                equations.state.springs.stiffen(STIFFER);
+                equations.work.solver_mut().refresh();
+            }
+            (last_penetration, last_gap) = (depth, gap);
+        } else if pull_offs < MAX_PULL_OFFS && equations.pull_off(x, target.motions) > 0 {
+            pull_offs += 1;
         } else if aim > full {
             aim = full;
         } else {
             return Ok(Equilibrium { iterations, ..found });
         }
     }
-    Err(Failure::Penetration { found_mm: last_penetration })
+    Err(Failure::Penetration { found_mm: last_penetration.max(last_gap) })
 }
 
 /// Iterates until the residual is below `aim` relative to the reactions.
@@ -145,7 +162,7 @@ fn newton(
             direction(equations, x, target.motions, balance, &mut choice, forcing, &mut record)?;
         match step_along(equations, x, target.motions, &d, &balance, &record) {
             Ok(step) => {
-                take_step(equations, x, &d, step, &mut record, &mut choice);
+                take_step(equations, x, target.motions, &d, step, &mut record, &mut choice);
                 if let Some(shown) = equilibrium_for_display(equations, x, target.motions, &d, step)? {
                     return Ok(Equilibrium { iterations: iteration + 1, ..shown });
                 }
@@ -241,13 +258,14 @@ fn step_along(
 fn take_step(
     equations: &mut Equations<'_>,
     x: &mut [Vector],
+    motions: &[Motion],
     d: &[f64],
     step: f64,
     record: &mut IterationRecord,
     choice: &mut ModelChoice,
 ) {
+    x.copy_from_slice(&equations.moved(x, motions, step, d));
     let dofs = equations.problem.dofs();
-    dofs.add(step, d, x);
     record.step = step;
     record.displacement_mm = step * dofs.max_position_change(d);
     equations.state.uses_condensed &= record.displacement_mm <= CONDENSED_MAX_RATIO * choice.moved_mm;
@@ -300,7 +318,7 @@ fn direction(
     let mut assembled = None;
     loop {
         if assembled != Some(choice.curvature) {
-            equations.work.tangent(&equations.problem, x, choice.curvature)?;
+            equations.tangent(x, motions, choice.curvature)?;
             assembled = Some(choice.curvature);
         }
         let mut load = equations.work.forces().to_vec();

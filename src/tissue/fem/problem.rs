@@ -2,6 +2,7 @@
 
 use super::assembly::{Assembly, Pattern};
 use super::dofs::Dofs;
+use super::springs::SpringPoint;
 use prosopon_geometry::Vector;
 use prosopon_geometry::control::Clock;
 use std::sync::Arc;
@@ -21,6 +22,8 @@ pub(super) struct Limits {
     pub(super) energy_noise_mj: f64,
     /// Whether the forces are linear in the displacements.
     pub(super) linear: bool,
+    /// Pull at which gliding tissue comes off bone, MPa.
+    pub(super) pull_off_mpa: Option<f64>,
 }
 
 /// Elements, unknowns, loads and tolerances. Only [`Problem::stabilise`] changes them, between two substeps.
@@ -32,6 +35,7 @@ pub(super) struct Problem {
     rest_stiffness: Arc<Vec<f64>>,
     /// Dead loads at path parameter 1, by mesh node; empty when there are none.
     loads: Vec<Vector>,
+    springs: Arc<Vec<SpringPoint>>,
     limits: Limits,
     clock: Clock,
 }
@@ -42,10 +46,11 @@ impl Problem {
         assembly: Assembly,
         rest_stiffness: Arc<Vec<f64>>,
         loads: Vec<Vector>,
+        springs: Arc<Vec<SpringPoint>>,
         limits: Limits,
         clock: Clock,
     ) -> Self {
-        Self { dofs, assembly, rest_stiffness, loads, limits, clock }
+        Self { dofs, assembly, rest_stiffness, loads, springs, limits, clock }
     }
 
     pub(super) fn dofs(&self) -> &Dofs {
@@ -58,6 +63,11 @@ impl Problem {
 
     pub(super) fn pattern(&self) -> &Pattern {
         self.assembly.pattern()
+    }
+
+    /// Nodes with springs.
+    pub(super) fn spring_points(&self) -> &[SpringPoint] {
+        &self.springs
     }
 
     pub(super) fn limits(&self) -> &Limits {

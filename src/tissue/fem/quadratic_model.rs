@@ -177,18 +177,21 @@ pub(super) fn predict(
     motion_of: &dyn Fn(u32) -> Motion,
 ) -> Result<Vec<Vector>, Failure> {
     equations.state.begin_attempt();
+    let [begin, end] = [motions(0.0), motions(1.0)];
     let mut target = x.to_vec();
     equations.problem.dofs().prescribe(motion_of, equations.state.load_share, &mut target);
-    let [forces, load] = gradients_along(equations, x, &target)?;
+    equations.state.springs.carry(&begin, &end, equations.problem.dofs(), &mut target);
+    let [forces, load] = gradients_along(equations, [x, &target], [&begin, &end])?;
     let gradients = [&forces, &load].map(|by_node| {
         let mut gradient = vec![0.0; equations.work.residual().len()];
         equations.problem.dofs().restrict(by_node, &mut gradient);
         gradient
     });
     let kept = equations.state.contact_forces.clone();
-    let end = &motions(1.0);
+    let end = end.as_slice();
     for curvature in [Curvature::Exact, Curvature::Projected] {
-        equations.work.tangent(&equations.problem, x, curvature)?;
+        let springs = equations.spring_blocks(&target, end, curvature);
+        equations.work.tangent(&equations.problem, x, curvature, springs)?;
         let mut record = IterationRecord::default();
         equations.work.prepare(&equations.problem);
         let path = StepPath { length_mm, x: [x, &target], gradients: [&gradients[0], &gradients[1]], motions };
@@ -197,7 +200,7 @@ pub(super) fn predict(
         }
         let goal = Goal { x: &target, motions: end, load: &load, forcing: FORCING_OF_PREDICTION };
         if let Ok(d) = minimise_model(equations, goal, &mut CurvatureTerms::default(), &mut record) {
-            equations.problem.dofs().add(1.0, &d, &mut target);
+            target = equations.moved(&target, end, 1.0, &d);
             let found_mm = equations.energy(&target, end)?.penetration_mm;
             if found_mm > 2.0 * MAX_CONTACT_MOTION_MM {
                 return Err(Failure::Penetration { found_mm });
@@ -209,18 +212,21 @@ pub(super) fn predict(
     Err(Failure::Indefinite)
 }
 
-/// Gradients of the energy of elements and loads by all nodes at `x`, and to first order at `target`.
+/// Gradients of the energy of elements, springs and loads by all nodes at `x`, and at `target`, there to first order in the
+/// elements. `begin` and `end` are the motions of the bodies at both.
 fn gradients_along(
     equations: &mut Equations<'_>,
-    x: &[Vector],
-    target: &[Vector],
+    [x, target]: [&[Vector]; 2],
+    [begin, end]: [&[Motion]; 2],
 ) -> Result<[Vec<Vector>; 2], Failure> {
     let change: Vec<Vector> = target.iter().zip(x).map(|(a, b)| a - b).collect();
     let mut load = vec![Vector::zeros(); x.len()];
     equations.work.force_change(&equations.problem, x, &change, &mut load)?;
     equations.work.compute_forces(&equations.problem, x)?;
     let mut forces = equations.work.forces().to_vec();
-    load.iter_mut().zip(equations.work.forces()).for_each(|(load, f)| *load += f);
+    load.iter_mut().zip(&forces).for_each(|(load, f)| *load += f);
+    equations.state.springs.add(&equations.state.springs.gradients(x, begin), &mut forces);
+    equations.state.springs.add(&equations.state.springs.gradients(target, end), &mut load);
     equations.subtract_loads(&mut load);
     equations.subtract_loads(&mut forces);
     Ok([forces, load])

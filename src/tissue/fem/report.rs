@@ -162,6 +162,10 @@ pub struct StepReport {
     pub min_det_f: f64,
     /// Largest penetration of a contact point, mm; 0 without active contacts.
     pub max_penetration_mm: f64,
+    /// Largest change of distance between bone and a node that glides on it, mm.
+    pub gliding_gap_mm: f64,
+    /// Number of gliding nodes that have come off bone.
+    pub pulled_off: usize,
     /// Boundary points without contact that have penetrated bone; `None` when there are none.
     pub bone_penetration: Option<BonePenetration>,
     /// Number of active contact points.

@@ -98,6 +98,14 @@ pub struct Boundary {
     ///
     /// It is proportional to the parameter. Empty when there is none.
     pub loads_n: Vec<Vector>,
+    /// Share to which each gliding node is tied, 0 (glides freely) to 1; empty when all glide freely.
+    ///
+    /// At one half, the spring towards the tied place is as stiff as the tissue over one element; at 1, a hundred times.
+    pub tied_share: Vec<f64>,
+    /// Stiffness of a spring that draws each free or sliding node to its rest position, N/mm; empty when there is none.
+    ///
+    /// It stands for tissue beyond the mesh.
+    pub foundation_n_mm: Vec<f64>,
 }
 
 /// Named sets of materials.
@@ -165,6 +173,10 @@ pub struct SolveSettings {
     pub min_substep: f64,
     /// Reaction to a material that loses ellipticity.
     pub unstable_material: UnstableMaterial,
+    /// Pull at which gliding tissue comes off bone, MPa; `None` when it never does.
+    ///
+    /// Tissue that has come off is still pushed by bone.
+    pub pull_off_mpa: Option<f64>,
 }
 
 impl SolveSettings {
@@ -184,6 +196,7 @@ impl SolveSettings {
             max_iterations: 30,
             min_substep: 1.0 / 256.0,
             unstable_material: UnstableMaterial::default(),
+            pull_off_mpa: None,
         }
     }
 
@@ -256,6 +269,10 @@ impl SolveSettings {
                 let detail = format!("{name} is {found}, allowed is above 0 and at most {most}");
                 return Err(SolveError::Problem { detail });
             }
+        }
+        if let Some(pull) = self.pull_off_mpa.filter(|pull| !(pull.is_finite() && *pull >= 0.0)) {
+            let detail = format!("pull_off_mpa is {pull}, allowed is 0 or more");
+            return Err(SolveError::Problem { detail });
         }
         if self.max_iterations == 0 {
             return Err(SolveError::Problem { detail: "max_iterations is 0, at least 1 is needed".into() });

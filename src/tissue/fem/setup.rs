@@ -13,11 +13,12 @@ use super::memory;
 use super::problem::{Limits, Problem};
 use super::report::PhaseTimes;
 use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
+use super::springs::{self, SpringBlocks, SpringPoint, Springs};
 use super::state::PathState;
-use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FORCE_FLOOR};
+use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FORCE_FLOOR, SPRING_STIFFNESS};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Vector, Warning};
+use prosopon_geometry::{Motion, Vector, Warning};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -57,6 +58,9 @@ pub struct Prepared {
     /// Stiffness of the elements at rest.
     rest: Arc<Vec<f64>>,
     loads: Vec<Vector>,
+    springs: Arc<Vec<SpringPoint>>,
+    /// Blocks of the springs at rest.
+    spring_blocks: SpringBlocks,
     /// Boundary points on which contact does not act.
     noncontact: Arc<Vec<[u32; 3]>>,
     /// MPa/mm.
@@ -71,13 +75,13 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Prepares for a mesh; `touching` states whether bodies will be in contact.
+    /// Prepares for a mesh; `bodies` are those that solvers over it will have, in the same order.
     ///
     /// # Errors
     /// [`SolveError`] when elements are inverted at rest or the problem is inconsistent (for example when nothing is held).
     pub fn new(
         mesh: &MixedMesh,
-        touching: bool,
+        bodies: &[ContactBody<'_>],
         boundary: &Boundary,
         settings: SolveSettings,
         control: &Control,
@@ -93,6 +97,8 @@ impl Prepared {
         let elements_take = memory::of_elements(&coupled);
         memory::check("the elements", elements_take, control)?;
         // Contact changes in every iteration. Its nodes are eliminated last, so that most of the factor stays valid.
+        check_bodies(bodies)?;
+        let touching = !bodies.is_empty();
         let relaxes = settings.model == Model::MassTensor;
         let guarded = if touching { contact_nodes(mesh) } else { Vec::new() };
         let noncontact = if touching { noncontact_points(mesh, &guarded) } else { Vec::new() };
@@ -108,6 +114,13 @@ impl Prepared {
         let assembly = assembly(blocks, smoothed, &settings, &dofs)?;
         control.check()?;
         control.report(0.5);
+        let points = springs::points(mesh, bodies, boundary, scale.shear, scale.element_size_mm)?;
+        let contact_stiffness =
+            settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm;
+        let points = Arc::new(points);
+        let still = vec![Motion::identity(); bodies.len()];
+        let at_rest = Springs::new(Arc::clone(&points), bodies.to_vec(), SPRING_STIFFNESS * contact_stiffness)?;
+        let spring_blocks = at_rest.blocks(dofs.rest(), &still, Curvature::Projected);
         let has_loads = boundary.loads_n.iter().any(|f| *f != Vector::zeros());
         let mut prepared = Self {
             surface: surface.map(Arc::new),
@@ -119,9 +132,10 @@ impl Prepared {
             factor: None,
             rest: Arc::default(),
             loads: if has_loads { boundary.loads_n.clone() } else { Vec::new() },
+            springs: points,
+            spring_blocks,
             noncontact: Arc::new(noncontact),
-            contact_stiffness: settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus
-                / scale.thickness_mm,
+            contact_stiffness,
             limits: limits(&settings, &scale),
             size: size(mesh),
             estimate_mb: 0.0,
@@ -165,9 +179,11 @@ impl Prepared {
         let assembled = clock();
         if stiffness.is_ok() {
             self.work.factorisations = 1;
+            self.rest = Arc::new(values.clone());
+            let points = &self.springs;
+            springs::add_blocks(&self.dofs, self.assembly.pattern(), points, &self.spring_blocks, &mut values);
             // A matrix that is not positive definite at rest is reported by the first solve.
             let _ = factor.factorise(&values);
-            self.rest = Arc::new(values);
         }
         self.factor = Some((symbolic, Arc::new(factor)));
         self.work.times.setup_s += analysed - begin;
@@ -211,8 +227,11 @@ impl Prepared {
         };
         let (contact, overlap) = Contact::new(mesh, bodies, self.contact_stiffness);
         let (dofs, assembly, rest) = (self.dofs.clone(), self.assembly.clone(), Arc::clone(&self.rest));
-        let problem = Problem::new(dofs, assembly, rest, self.loads.clone(), self.limits, control.clock());
-        let equations = Equations::new(problem, PathState::new(contact), solver);
+        let stiffness = SPRING_STIFFNESS * self.contact_stiffness;
+        let springs = Springs::new(Arc::clone(&self.springs), contact.bodies().to_vec(), stiffness)?;
+        let points = Arc::clone(&self.springs);
+        let problem = Problem::new(dofs, assembly, rest, self.loads.clone(), points, self.limits, control.clock());
+        let equations = Equations::new(problem, PathState::new(contact, springs), solver);
         let mut warnings = self.warnings.clone();
         warnings.extend(overlap);
         Ok((equations, warnings))
@@ -282,6 +301,7 @@ fn limits(settings: &SolveSettings, scale: &Scale) -> Limits {
         element_size_mm: scale.element_size_mm,
         energy_noise_mj: ENERGY_NOISE * scale.shear * scale.volume,
         linear: settings.model.is_linear(),
+        pull_off_mpa: settings.pull_off_mpa,
     }
 }
 

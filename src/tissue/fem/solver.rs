@@ -65,7 +65,7 @@ impl<'a> Solver<'a> {
         settings: SolveSettings,
         control: &Control,
     ) -> Result<Self, SolveError> {
-        let prepared = Prepared::new(mesh, !bodies.is_empty(), boundary, settings, &control.stage(0.0, 0.9))?;
+        let prepared = Prepared::new(mesh, &bodies, boundary, settings, &control.stage(0.0, 0.9))?;
         Self::over(&prepared, mesh, bodies, &control.stage(0.9, 1.0))
     }
 

@@ -15,6 +15,8 @@ pub struct StartState {
     motions: Vec<(u32, Motion)>,
     /// Pairs of contact point and body whose contact is switched off.
     released: Vec<u64>,
+    /// Gliding nodes that have been pulled off, by spring.
+    pulled_off: Vec<u64>,
 }
 
 impl StartState {
@@ -36,7 +38,8 @@ impl Solver<'_> {
     #[must_use]
     pub fn start_state(&self) -> StartState {
         let released = pairs(self.equations.state.contact.released());
-        StartState { x: self.reached.x.clone(), motions: self.reached.motions.clone(), released }
+        let pulled_off = pairs(&self.equations.state.springs.memory().released);
+        StartState { x: self.reached.x.clone(), motions: self.reached.motions.clone(), released, pulled_off }
     }
 
     /// Starts from an equilibrium of the same mesh and elements, at path parameter 0.
@@ -57,6 +60,7 @@ impl Solver<'_> {
         if let Some(released) = flags(&start.released, known) {
             self.equations.state.contact.set_released(released);
         }
+        self.equations.state.springs.set_pulled_off(&start.pulled_off);
         self.reached = PathPoint { t: 0.0, x: start.x.clone(), motions: start.motions.clone() };
         // The factor at rest is a poor preconditioner here.
         self.equations.work.solver_mut().refresh();

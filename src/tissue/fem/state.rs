@@ -2,6 +2,7 @@
 
 use super::contact::{Contact, PairIndex};
 use super::report::IterationRecord;
+use super::springs::Springs;
 use prosopon_geometry::{Motion, Vector};
 
 /// An equilibrium at path parameter `t`.
@@ -28,6 +29,7 @@ pub(super) enum Purpose {
 #[derive(Debug)]
 pub(super) struct PathState<'a> {
     pub(super) contact: Contact<'a>,
+    pub(super) springs: Springs<'a>,
     /// Active pairs of contact point and body in the last quadratic model, ascending.
     pub(super) active: Vec<PairIndex>,
     /// Contact forces by unknown node from the last converged condensed contact solve, ascending, N.
@@ -46,9 +48,10 @@ pub(super) struct PathState<'a> {
 
 impl<'a> PathState<'a> {
     /// The state at rest.
-    pub(super) fn new(contact: Contact<'a>) -> Self {
+    pub(super) fn new(contact: Contact<'a>, springs: Springs<'a>) -> Self {
         Self {
             contact,
+            springs,
             active: Vec::new(),
             contact_forces: Vec::new(),
             load_share: 0.0,

@@ -47,6 +47,8 @@ impl Solver<'_> {
             remaining_mm: found.remaining_mm,
             min_det_f,
             max_penetration_mm: penetration(&found.contacts),
+            gliding_gap_mm: self.equations.state.springs.largest_gap_mm(&self.reached.x, &body_motions),
+            pulled_off: self.equations.state.springs.pulled_off(),
             bone_penetration,
             active_contacts: found.contacts.len(),
             reactions_n,

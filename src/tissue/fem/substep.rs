@@ -33,6 +33,7 @@ impl Solver<'_> {
         let length_mm = self.contact_motion(&body_motions);
         let multipliers = self.equations.state.contact.multipliers().to_vec();
         let released = self.equations.state.contact.released().to_vec();
+        let springs = self.equations.state.springs.memory().clone();
         let target = Target { t: goal, motions: &body_motions };
         let mut rounds = 0;
         let attempt = loop {
@@ -51,6 +52,7 @@ impl Solver<'_> {
             }
             // A body that would push these points the wrong way does not act on them from the start of the substep on.
             self.equations.state.contact.set_multipliers(multipliers.clone());
+            self.equations.state.springs.set_memory(springs.clone());
             passages.iter().for_each(|p| self.equations.state.contact.release(p));
             self.warn_of_passages(&passages);
         };
@@ -62,6 +64,7 @@ impl Solver<'_> {
             Err(failure) => {
                 self.equations.state.contact.set_multipliers(multipliers);
                 self.equations.state.contact.set_released(released);
+                self.equations.state.springs.set_memory(springs);
                 Err(failure)
             }
         }

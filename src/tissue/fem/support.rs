@@ -2,17 +2,18 @@ use nalgebra::SMatrix;
 
 use super::axes::{ALL_AXES, axes_in};
 use super::error::SolveError;
+use super::settings::Boundary;
 use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::{Point, Vector};
 
 /// Checks that every connected part of a mesh is held against all six rigid motions.
 ///
-/// Tied and fixed nodes hold a part, and so do nodes held along axes (`held_axes` by node, bits x = 1, y = 2, z = 4; may be
-/// empty).
+/// Tied and fixed nodes hold a part, and so do nodes on a foundation or held along axes. Gliding alone does not hold one.
 ///
 /// # Errors
 /// [`SolveError::Problem`] with the position of a part that can move freely, or for a mesh without elements.
-pub fn check_support(mesh: &MixedMesh, held_axes: &[u8]) -> Result<(), SolveError> {
+pub fn check_support(mesh: &MixedMesh, boundary: &Boundary) -> Result<(), SolveError> {
+    let on_foundation = |node: usize| boundary.foundation_n_mm.get(node).is_some_and(|stiffness| *stiffness > 0.0);
     let mut parent: Vec<u32> = (0..mesh.positions.len() as u32).collect();
     let mut used = vec![false; mesh.positions.len()];
     for cell in mesh.tetrahedra.iter().map(|cell| &cell[..]).chain(mesh.prisms.iter().map(|cell| &cell[..])) {
@@ -30,7 +31,10 @@ pub fn check_support(mesh: &MixedMesh, held_axes: &[u8]) -> Result<(), SolveErro
     }
     let axes_of = |node: usize| match mesh.attachment[node] {
         Attachment::Tied(_) | Attachment::Fixed => ALL_AXES,
-        Attachment::Free | Attachment::Sliding | Attachment::Gliding(_) => held_axes.get(node).copied().unwrap_or(0),
+        Attachment::Free | Attachment::Sliding if on_foundation(node) => ALL_AXES,
+        Attachment::Free | Attachment::Sliding | Attachment::Gliding(_) => {
+            boundary.held_axes.get(node).copied().unwrap_or(0)
+        }
     };
     for part in parts.chunk_by(|a, b| a.0 == b.0) {
         let held: Vec<(Point, u8)> = part

@@ -143,6 +143,21 @@ pub(super) const OVERLAP_STEP_MM: f64 = 0.01;
 /// The surface counts as the one on the tissue's side up to this many depths of the point.
 pub(super) const OVERLAP_SEARCH_DEPTHS: f64 = 3.0;
 
+// Springs.
+
+/// Stiffness of gliding in units of that of contact: tissue that bone pulls by a quarter of its thickness moves off it by less
+/// than a hundredth of a millimetre before multipliers are needed (`gliding_on_a_plane_is_held_along_the_normal_and_free_along_it`).
+pub(super) const SPRING_STIFFNESS: f64 = 10.0;
+/// Nodes with springs evaluated by one task.
+pub(super) const SPRINGS_PER_TASK: usize = 64;
+/// Iterations that bring a gliding node back to its distance: each squares the error, which begins below a tenth of the radius.
+pub(super) const RETRACTIONS: usize = 4;
+/// Largest share to which a gliding node is tied: its hold is then a hundred times as stiff as the tissue, so that it moves by a
+/// hundredth of the slip.
+pub(super) const TIED_SHARE: f64 = 0.99;
+/// Updates after which gliding nodes are no longer let go in one equilibrium.
+pub(super) const MAX_PULL_OFFS: usize = 10;
+
 // Substeps.
 
 /// Smaller motions of a segment along an axis in which its nodes are held are rounding, mm.

@@ -9,6 +9,7 @@ use super::factor_origin::{FactorOrigin, numbers, vectors};
 use super::linear_solve::{LinearSolver, System, Work};
 use super::problem::Problem;
 use super::report::PhaseTimes;
+use super::springs::{SpringBlocks, add_blocks};
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
 
@@ -17,6 +18,7 @@ use prosopon_geometry::Vector;
 struct AssemblyState {
     x: Vec<Vector>,
     curvature: Curvature,
+    springs: SpringBlocks,
 }
 
 /// Factor of a solver, and the nodes whose compliance is known, in the groups in which they were added.
@@ -39,8 +41,10 @@ pub(super) struct Workspace {
     assembled: Option<AssemblyState>,
     /// State at which the current factor was assembled; `None` for the factor at rest with which the solver started.
     factored: Option<AssemblyState>,
-    /// Gradient of the elements' energy by all nodes.
+    /// Gradient of the energy of elements and springs by all nodes.
     forces: Vec<Vector>,
+    /// The springs' part of it, by point.
+    spring_gradients: Vec<Vector>,
     /// Gradient of the total energy by the unknowns.
     residual: Vec<f64>,
     /// Time of the phases that the linear solver does not measure.
@@ -58,6 +62,7 @@ impl Workspace {
             assembled: None,
             factored: None,
             forces: vec![Vector::zeros(); problem.dofs().n_nodes()],
+            spring_gradients: Vec::new(),
             residual: vec![0.0; 3 * problem.dofs().n_unknown()],
             times: PhaseTimes::default(),
         }
@@ -71,9 +76,22 @@ impl Workspace {
         &mut self.solver
     }
 
-    /// Gradient of the elements' energy by all nodes.
+    /// Gradient of the energy of elements and springs by all nodes.
     pub(super) fn forces(&self) -> &[Vector] {
         &self.forces
+    }
+
+    /// The springs' part of [`Workspace::forces`], by point.
+    pub(super) fn spring_gradients(&self) -> &[Vector] {
+        &self.spring_gradients
+    }
+
+    /// Adds the springs' gradients to the forces of the elements.
+    pub(super) fn add_springs(&mut self, problem: &Problem, gradients: Vec<Vector>) {
+        for (point, gradient) in problem.spring_points().iter().zip(&gradients) {
+            self.forces[point.node as usize] += gradient;
+        }
+        self.spring_gradients = gradients;
     }
 
     /// Gradient of the total energy by the unknowns.
@@ -131,9 +149,29 @@ impl Workspace {
         problem.dofs().restrict(total, &mut self.residual);
     }
 
-    /// Computes the elements' stiffness and forces.
-    pub(super) fn tangent(&mut self, problem: &Problem, x: &[Vector], curvature: Curvature) -> Result<(), Inversion> {
-        let assembled = self.assembled.get_or_insert_with(|| AssemblyState { x: Vec::new(), curvature });
+    /// Computes the stiffness of elements and `springs`, and the elements' forces.
+    pub(super) fn tangent(
+        &mut self,
+        problem: &Problem,
+        x: &[Vector],
+        curvature: Curvature,
+        springs: SpringBlocks,
+    ) -> Result<(), Inversion> {
+        let done = self.element_tangent(problem, x, curvature);
+        let points = problem.spring_points();
+        add_blocks(problem.dofs(), problem.pattern(), points, &springs, &mut self.elastic);
+        if let Some(assembled) = &mut self.assembled {
+            assembled.springs = springs;
+        }
+        done
+    }
+
+    fn element_tangent(&mut self, problem: &Problem, x: &[Vector], curvature: Curvature) -> Result<(), Inversion> {
+        let assembled = self.assembled.get_or_insert_with(|| AssemblyState {
+            x: Vec::new(),
+            curvature,
+            springs: SpringBlocks::default(),
+        });
         assembled.x.clear();
         assembled.x.extend_from_slice(x);
         assembled.curvature = curvature;
@@ -218,9 +256,11 @@ impl Workspace {
         }
         let origin = match &self.factored {
             None => FactorOrigin::Rest,
-            Some(AssemblyState { x, curvature }) => {
-                FactorOrigin::State { x: numbers(x), projected: *curvature == Curvature::Projected }
-            }
+            Some(AssemblyState { x, curvature, springs }) => FactorOrigin::State {
+                x: numbers(x),
+                projected: *curvature == Curvature::Projected,
+                springs: springs.numbers(),
+            },
         };
         let known = self.solver.known_compliance().map(|known| known.groups().to_vec());
         Some(FactorState { origin, known_compliance: known.unwrap_or_default() })
@@ -242,9 +282,12 @@ impl Workspace {
                 }
                 self.solver.set_vertices(inverses.iter().map(|rows| Matrix3::from_row_slice(rows)).collect())?;
             }
-            FactorOrigin::State { x, projected } => {
+            FactorOrigin::State { x, projected, springs } => {
                 let curvature = if *projected { Curvature::Projected } else { Curvature::Exact };
-                self.tangent(problem, &vectors(x), curvature).ok()?;
+                if springs.len() != problem.spring_points().len() {
+                    return None;
+                }
+                self.tangent(problem, &vectors(x), curvature, SpringBlocks::of_numbers(springs)).ok()?;
                 self.solver.refresh();
                 self.prepare(problem);
                 if !self.solver.is_usable() {

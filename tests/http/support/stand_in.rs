@@ -281,6 +281,8 @@ impl Engine for StandIn {
                 remaining_mm: 1e-4,
                 min_det_f: 0.5,
                 max_penetration_mm: 0.01,
+                gliding_gap_mm: 0.0,
+                pulled_off: 0,
                 bone_penetration: None,
                 active_contacts: 3,
                 reactions_n: vec![(1, [0.0, 1.0, 0.0])],

@@ -5,17 +5,17 @@ use prosopon_geometry::{Implicit, Point, Vector};
 
 /// Reference from which the gap of a point that overlaps a body at rest is measured.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Overlap {
+pub(in crate::fem) struct Overlap {
     /// From the point to the body's surface on the tissue's side, mm. The distance is evaluated there, because deep in thin bone
     /// its gradient is unreliable. Zero where that side is not found.
-    pub(super) shift: Vector,
+    pub(in crate::fem) shift: Vector,
     /// Overlap that remains after the shift, mm.
-    pub(super) rest_mm: f64,
+    pub(in crate::fem) rest_mm: f64,
 }
 
 impl Overlap {
     /// Overlap of a point `at` where `solid` has `value`; `inward` points into the tissue.
-    pub(super) fn of(solid: &dyn Implicit, at: &Point, value: f64, inward: &Vector) -> Self {
+    pub(in crate::fem) fn of(solid: &dyn Implicit, at: &Point, value: f64, inward: &Vector) -> Self {
         if value >= 0.0 {
             return Self::default();
         }

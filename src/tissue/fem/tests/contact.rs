@@ -314,7 +314,7 @@ fn a_solver_over_a_shared_preparation_has_the_bits_of_one_with_its_own() {
     let ball = Ball { centre: Point::new(0.0, 0.0, -10.0), radius: 10.0 };
     let body = ContactBody { segment: 1, solid: &ball };
     let settings = SolveSettings::new(Model::Mixed, Preset::Wang2009Stable.materials());
-    let prepared = Prepared::new(&mesh, true, &Boundary::default(), settings.clone(), &control).unwrap();
+    let prepared = Prepared::new(&mesh, &[body], &Boundary::default(), settings.clone(), &control).unwrap();
     let over = |d: f64| {
         let mut solver = Solver::over(&prepared, &mesh, vec![body], &control).unwrap();
         let report = solver.advance(1.0, &up(d), &control).unwrap();

@@ -198,7 +198,7 @@ fn equations_that_do_not_fit_into_memory_are_refused() {
     let mesh = slab();
     let needed = |memory_mb: f64| {
         let control = Control::new().with_memory_mb(memory_mb);
-        Prepared::new(&mesh, false, &Boundary::default(), settings(), &control).map(|p| p.estimated_mb(true))
+        Prepared::new(&mesh, &[], &Boundary::default(), settings(), &control).map(|p| p.estimated_mb(true))
     };
     let all = needed(f64::INFINITY).unwrap();
     assert!(all > 32.0 && needed(1.01 * all).is_ok());

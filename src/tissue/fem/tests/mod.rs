@@ -8,6 +8,7 @@ mod closed_forms;
 mod contact;
 mod convergence;
 mod failures;
+mod gliding;
 mod indented;
 mod locking;
 mod prescribed;

@@ -27,7 +27,7 @@ fn solver<'a>(
 ) -> Solver<'a> {
     let moved = |p: &Point| Vector::new(0.0, 0.0, (stretch - 1.0) * (p.z - 3.0).max(0.0));
     let prescribed_mm = mesh.positions.iter().map(moved).collect();
-    let boundary = Boundary { held_axes, prescribed_mm, loads_n: Vec::new() };
+    let boundary = Boundary { held_axes, prescribed_mm, ..Boundary::default() };
     let materials = Materials::homogeneous(Material::neo_hookean(0.02, 0.4));
     let settings = SolveSettings { locking, ..SolveSettings::new(Model::Nonlinear, materials) };
     Solver::with_boundary(mesh, Vec::new(), &boundary, settings, control).unwrap()

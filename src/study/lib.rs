@@ -3,6 +3,7 @@
 //! Invariants: a study measures the calls that a user makes; no method is its own reference; test points and random seeds are
 //! fixed. Times and memory come from one run on one machine.
 
+mod assumptions;
 mod bounds;
 mod chart;
 mod collision;
@@ -31,6 +32,7 @@ mod truth;
 mod warm_start;
 mod winding;
 
+pub use assumptions::AssumptionStudy;
 pub use bounds::BoundStudy;
 pub use collision::CollisionStudy;
 pub use contacts::ContactStudy;

@@ -108,7 +108,7 @@ impl SlabCase {
         let control = Control::new().with_clock(clock);
         let (start, cpu) = (Instant::now(), process::cpu_s());
         let before = process::memory_mb();
-        let prepared = Prepared::new(&mesh, false, &Boundary::default(), self.settings(), &control);
+        let prepared = Prepared::new(&mesh, &[], &Boundary::default(), self.settings(), &control);
         let prepared = prepared.map_err(SimulateError::from)?;
         let mut solver = Solver::over(&prepared, &mesh, vec![], &control).map_err(SimulateError::from)?;
         let [x, y, z] = MOVED_MM;

@@ -60,7 +60,7 @@ pub struct Clearance {
 /// let plane = BoundedPlane { point: Point::new(0.0, 0.0, 12.0), normal: Vector::z(), bounds: None };
 /// let cuts = vec![Cut { kerf_mm: 1.0, ..Cut::from(plane).named("genioplasty") }];
 /// # let warnings = Vec::new();
-/// let osteotomy = Osteotomy { cuts, bone_mm3: skull.volume_mm3, segments: vec![skull], dropped_mm3: 0.0, warnings };
+/// let osteotomy = Osteotomy { cuts, bone_mm3: skull.volume_mm3, segments: vec![skull], dropped_mm3: 0.0, warnings, arch: None };
 ///
 /// let points = vec![Point::new(5.0, 5.0, 15.0)];
 /// let nerve = Protected { name: "mental_nerve_left".to_owned(), points, margin_mm: Some(3.0) };

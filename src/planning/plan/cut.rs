@@ -195,7 +195,7 @@ impl<'a> PartedBone<'a> {
         }
         let warnings = choice.warning.into_iter().chain(bridges.cloned()).chain(idle).collect();
         let (bone_mm3, dropped_mm3) = (bone.surface.volume(), choice.dropped_mm3);
-        Ok(Built::Done(Osteotomy { cuts: cuts.to_vec(), segments, bone_mm3, dropped_mm3, warnings }))
+        Ok(Built::Done(Osteotomy { cuts: cuts.to_vec(), segments, bone_mm3, dropped_mm3, warnings, arch: None }))
     }
 
     /// Warnings about saw cuts that part little of the bone that they cross; `segment` holds the segment of each node.

@@ -2,6 +2,7 @@
 //!
 //! Invariants: segments are closed solids; segment 0 is the skull, which is fixed; paths are rigid motions.
 
+mod arch;
 mod assign;
 mod autorotate;
 mod bridge;
@@ -28,18 +29,18 @@ mod solid;
 mod template;
 mod tuning;
 
+pub use arch::{DentalArch, Teeth};
 pub use autorotate::CondylarAxis;
 pub use bridge::Bridge;
 pub use clearance::{Clearance, Protected, clearances};
 pub use cut::cut;
 pub use follow::{PathReport, PathSample, follow};
-pub use names::{is_template_name, name_segments};
+pub use names::name_segments;
 pub use osteotomy::{Osteotomy, Segment};
 pub use path::{Path, Plan};
 pub use propose::{Proposal, propose};
 pub use shape::{BoundedPlane, Cut, CutShape, Purpose};
 pub use template::{Landmarks, Template, TemplateCall, TemplateCuts, TemplateError, le_fort_1};
-pub(crate) use tuning::ASIDE_MM;
 
 use prosopon_geometry::control::Cancelled;
 

@@ -1,17 +1,11 @@
 //! Suggested names of segments.
 
 use super::tuning::ASIDE_MM;
-use super::{CutShape, Landmarks, Osteotomy, Segment};
+use super::{CutShape, DentalArch, Landmarks, Osteotomy, Segment};
 
-/// Whether a cut's name is one that templates give, by which segments are named and tissue is attached.
-#[must_use]
-pub fn is_template_name(name: &str) -> bool {
-    const EXACT: [&str; 3] = ["genioplasty", "midsagittal", "occlusal"];
-    EXACT.contains(&name) || ["bsso_", "joint_", "le_fort_"].iter().any(|prefix| name.starts_with(prefix))
-}
-
-/// Names the segments by their position and by the template cuts that bound them.
+/// Names the segments by their position and by the template cuts that bound them, and finds where the teeth are.
 ///
+/// Names are for people: nothing else depends on them.
 /// Of several segments with the same name the largest keeps it; the others get a number, for example `maxilla_2`. Without
 /// landmarks the midline is the middle of the skull's bounding box, and the occlusal plane is that of the cut named `occlusal`.
 /// Without an occlusal plane, segments whose name depends on it get none.
@@ -30,6 +24,7 @@ pub fn name_segments(osteotomy: &mut Osteotomy, landmarks: &Landmarks) {
         .filter(|s| s.id != 0 && s.bounded_by.iter().any(|c| cuts[*c] == "genioplasty"))
         .min_by(|a, b| a.centroid.z.total_cmp(&b.centroid.z))
         .map(|s| s.id);
+    osteotomy.arch = DentalArch::of_segments(osteotomy, landmarks);
     let mut taken: Vec<(String, usize)> = Vec::new();
     // Segments are ordered by falling volume, so the largest gets the name without a number.
     for segment in &mut osteotomy.segments {

@@ -1,6 +1,6 @@
 //! Bone cut into segments.
 
-use super::Cut;
+use super::{Cut, DentalArch, Purpose};
 use prosopon_geometry::{Point, TriMesh, Warning};
 
 /// A piece of bone.
@@ -43,9 +43,18 @@ pub struct Osteotomy {
     pub dropped_mm3: f64,
     /// What was dropped or should be checked.
     pub warnings: Vec<Warning>,
+    /// Where the teeth are; [`super::name_segments`] sets it where the landmarks or the cuts show it.
+    pub arch: Option<DentalArch>,
 }
 
 impl Osteotomy {
+    /// Whether bone was sawn between two segments; a separation of bones that touch in the image is no saw line.
+    #[must_use]
+    pub fn is_sawn_between(&self, a: &Segment, b: &Segment) -> bool {
+        let sawn = |cut: &usize| self.cuts.get(*cut).is_some_and(|c| c.purpose == Purpose::Osteotomy);
+        a.bounded_by.iter().any(|cut| b.bounded_by.contains(cut) && sawn(cut))
+    }
+
     /// Number of the segment that contains `p` (LPS mm), else of the one with the nearest vertex.
     ///
     /// `None` when there are no segments.

@@ -38,10 +38,26 @@ pub(super) const COARSE_BLOCK: usize = 3;
 pub(super) const EXTRA_COST: f64 = 7.0;
 pub(super) const FALL_OFF_MM: f64 = 8.0;
 
+// Teeth.
+
+/// Height of a tooth's crown, mm: incisors have 9 to 10.5 mm, molars 7 mm (Wheeler's Dental Anatomy).
+pub(super) const CROWN_MM: f64 = 9.0;
+/// The second molar ends about this far behind the incisors, mm.
+pub(super) const ARCH_DEPTH_MM: f64 = 50.0;
+/// Half the width over the cheek side of the molars, with the gum, mm.
+pub(super) const ARCH_HALF_WIDTH_MM: f64 = 38.0;
+/// The zone of teeth also reaches this far in front of the foremost bone, mm: the surface of tissue beside it.
+pub(super) const BEFORE_ARCH_MM: f64 = 10.0;
+/// Half the width of the front teeth in which their foremost point is looked for, mm: both central incisors and a shift.
+pub(super) const FRONT_HALF_WIDTH_MM: f64 = 12.0;
+/// A segment carries teeth when at least this much of its surface lies at them, mm²: four incisors have about 300 mm² on each
+/// side. A ramus that ends behind the molars has less.
+pub(super) const TOOTHED_MM2: f64 = 600.0;
+
 // Names of segments.
 
 /// Distance from the midline beyond which a segment belongs to one side, mm; of a sagittal split it is then a ramus.
-pub(crate) const ASIDE_MM: f64 = 18.0;
+pub(super) const ASIDE_MM: f64 = 18.0;
 
 // Paths.
 

@@ -1,22 +1,27 @@
-//! Which inner nodes are tied to bone, slide on it or are free: by rule, then by painting.
+//! How inner nodes hang on bone: tied, gliding, sliding or free, by rule, then by painting.
+
+mod zones;
 
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
 use super::CutBone;
-use super::tuning::{CROWN_MM, FREE_CUT_MM, PAINT_REACH_MM, SEAM_MM, STRIPPED_ABOVE_MM, STRIPPED_MM, TIE_GAP_MM};
+use super::tuning::{FREE_CUT_MM, PAINT_REACH_MM, SEAM_MM, STRIPPED_MM, TIE_GAP_MM};
 use crate::evaluate::MaskRegion;
-use crate::plan::{ASIDE_MM, CutShape, Segment};
+use crate::plan::DentalArch;
 use prosopon_geometry::{Aabb, Implicit, Point, Warning};
-use prosopon_tissue::mesh::{Attachment, MixedMesh, tie};
+use prosopon_tissue::mesh::{Attachment, MixedMesh};
+use zones::{InZones, Zones};
 
 /// Attachment of a node at bone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NodeClass {
     /// Moves with the nearest bone.
     Tied,
-    /// Slides on bone.
+    /// Glides on the nearest bone: held to its surface in both normal directions, free along it.
+    Gliding,
+    /// Slides on bone: pushed, but not pulled.
     Sliding,
     /// Neither tied nor in contact.
     Free,
@@ -40,20 +45,46 @@ pub struct SkullPaint {
     pub classes: Vec<Option<NodeClass>>,
 }
 
-/// Rules for which inner nodes are tied to bone and which slide.
+/// Rules for how tissue hangs on bone.
 ///
-/// Absent values follow the default rule: tissue is tied to bone wherever it touches bone, but slides on the teeth of moving
-/// jaws, around the lower border of an upper jaw and around the occlusal plane of a lower jaw.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// Tissue is tied to bone wherever it touches bone, except at teeth and gum and where bone is stripped for the saw. At the
+/// borders of these zones gliding turns into being tied over an edge of the mesh.
+#[derive(Debug, Clone, PartialEq)]
 pub struct AttachmentRules {
     /// Boundary nodes nearer to bone than this at rest are tied, mm; 1.5 when absent.
     pub tie_gap_mm: Option<f64>,
-    /// Boxes (LPS mm) in which nodes slide instead: teeth, inside of the lips.
+    /// Class of nodes at teeth and gum, of bone that moves and of bone that stays.
+    pub mucosa: NodeClass,
+    /// Boxes (LPS mm) that replace the zone of teeth and gum.
     pub sliding: Option<Vec<Aabb>>,
+    /// Class of nodes on stripped bone.
+    pub stripped: NodeClass,
+    /// Width of stripped bone beside a saw line, mm; 0 for none; 12, and 15 above a moving upper jaw, when absent.
+    pub stripped_mm: Option<f64>,
+    /// Class of nodes within 4 mm of a saw line.
+    pub saw_line: NodeClass,
+    /// Pull at which gliding tissue comes off bone, MPa; `None` when it never does.
+    pub pull_off_mpa: Option<f64>,
     /// Classes painted on the skull; they override the rules.
     pub skull: Option<SkullPaint>,
     /// Classes for parts of space; they override all the above, and the last part that holds a node wins.
     pub paint: Vec<Paint>,
+}
+
+impl Default for AttachmentRules {
+    fn default() -> Self {
+        Self {
+            tie_gap_mm: None,
+            mucosa: NodeClass::Gliding,
+            sliding: None,
+            stripped: NodeClass::Gliding,
+            stripped_mm: None,
+            saw_line: NodeClass::Free,
+            pull_off_mpa: None,
+            skull: None,
+            paint: Vec::new(),
+        }
+    }
 }
 
 /// Numbers of nodes by attachment at the start of a solve.
@@ -73,104 +104,125 @@ pub struct Attached {
     pub painted: usize,
 }
 
-/// Type of jaw of a segment, from the names of its cuts.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Jaw {
-    /// Teeth at its lower border; also for segments whose cuts have no names.
-    Upper,
-    /// Teeth at this z, mm.
-    Lower(f64),
-    /// A chin or a ramus: no teeth.
-    Toothless,
+/// What attaching a mesh to bone gives.
+#[derive(Debug, Default)]
+pub(super) struct AttachResult {
+    pub(super) warnings: Vec<Warning>,
+    pub(super) attached: Attached,
+    /// Share to which each gliding node is tied; see [`prosopon_tissue::fem::Boundary::tied_share`].
+    pub(super) tied_share: Vec<f64>,
 }
 
-fn jaw(bone: &CutBone, segment: &Segment) -> Jaw {
-    let cuts = segment.bounded_by.iter().filter_map(|c| bone.osteotomy.cuts.get(*c));
-    let named = |start: &str| cuts.clone().any(|c| c.name.as_deref().is_some_and(|n| n.starts_with(start)));
-    let occlusal = cuts.clone().find_map(|c| match &c.shape {
-        CutShape::Plane(plane) if c.name.as_deref() == Some("occlusal") => Some(plane.point.z),
-        CutShape::Plane(_) | CutShape::Polyline { .. } | CutShape::Surface(_) | CutShape::FreePart(_) => None,
-    });
-    let is_below = occlusal.is_some_and(|z| segment.centroid.z < z);
-    let middle = bone.osteotomy.segments.first().map_or(0.0, |s| s.surface.bounds().center().x);
-    if named("bsso_") && (segment.centroid.x - middle).abs() > ASIDE_MM {
-        Jaw::Toothless
-    } else if named("bsso_") || named("joint_") || (is_below && !named("le_fort_")) {
-        Jaw::Lower(occlusal.unwrap_or(segment.surface.bounds().max.z))
-    } else if named("genioplasty") {
-        Jaw::Toothless
-    } else {
-        Jaw::Upper
-    }
+/// Numbers of nodes that the rules do not tie.
+#[derive(Debug, Clone, Copy, Default)]
+struct Released {
+    teeth: usize,
+    stripped: usize,
+    seam: usize,
+    inner: usize,
 }
 
-/// The box around the teeth of a moving segment.
-fn teeth(bone: &CutBone, segment: &Segment) -> Option<Aabb> {
-    let b = segment.surface.bounds();
-    let border = match jaw(bone, segment) {
-        Jaw::Upper => b.min.z,
-        Jaw::Lower(occlusal) => occlusal,
-        Jaw::Toothless => return None,
-    };
-    let box_at =
-        |p: Point, side: f64, z: f64| Point::new(p.x + side * CROWN_MM, p.y + side * CROWN_MM, z + side * CROWN_MM);
-    Some(Aabb { min: box_at(b.min, -1.0, border), max: box_at(b.max, 1.0, border) })
-}
-
-/// Sets the attachment of the mesh's nodes for one osteotomy; `moving` are the segments that the plan moves.
-///
-/// Returns what was changed, and the numbers of nodes by attachment.
+/// Sets the attachment of the mesh's nodes for one osteotomy; `moving` are the segments that the plan moves. `arch` is used where
+/// the osteotomy does not show where the teeth are.
 pub(super) fn attach(
     mesh: &mut MixedMesh,
     bone: &CutBone,
     moving: &[u32],
+    arch: Option<&DentalArch>,
     rules: &AttachmentRules,
-) -> (Vec<Warning>, Attached) {
-    let segments = || bone.osteotomy.segments.iter().filter(|s| moving.contains(&s.id));
-    let sliding = rules.sliding.clone().unwrap_or_else(|| segments().filter_map(|s| teeth(bone, s)).collect());
-    let uppers: Vec<u32> = segments().filter(|s| jaw(bone, s) == Jaw::Upper).map(|s| s.id).collect();
+) -> AttachResult {
     let near = Nearness { solids: bone.solids(), moving };
-    tie(mesh, &near.solids, rules.tie_gap_mm.unwrap_or(TIE_GAP_MM), &sliding);
-    let stripped = strip(mesh, &near, &sliding, &uppers);
-    let seam = free_seams(mesh, &near);
-    let inner = free_inner_cut(mesh, &near);
-    let painted = painted(mesh, rules);
-    let mut warnings = Vec::new();
-    if stripped > 0 {
-        let above = if uppers.is_empty() {
-            String::new()
+    let arch = bone.osteotomy.arch.as_ref().or(arch);
+    let zones = Zones::new(bone, moving, arch, rules.sliding.as_deref(), rules.stripped_mm);
+    let mut tied_share = vec![0.0; mesh.positions.len()];
+    let mut released = Released::default();
+    let gap = rules.tie_gap_mm.unwrap_or(TIE_GAP_MM);
+    let touching: Vec<usize> =
+        (0..mesh.positions.len()).filter(|n| mesh.attachment[*n] == Attachment::Sliding).collect();
+    let found: Vec<Option<(u32, InZones)>> = (touching.par_iter())
+        .map(|node| {
+            let p = &mesh.positions[*node];
+            let (distance, own) = near.nearest(p)?;
+            (distance <= gap).then(|| (own, zones.of(p, own)))
+        })
+        .collect();
+    for (node, found) in touching.into_iter().zip(found) {
+        let Some((own, at)) = found else { continue };
+        let is_seam = zones.has_saw_lines() && at.to_line_mm < SEAM_MM;
+        let (class, share) = if is_seam && rules.stripped_mm != Some(0.0) {
+            released.seam += 1;
+            (rules.saw_line, 0.0)
+        } else if at.at_teeth <= at.stripped && at.at_teeth < 1.0 {
+            released.teeth += 1;
+            (rules.mucosa, at.at_teeth)
+        } else if at.stripped < 1.0 {
+            released.stripped += 1;
+            (rules.stripped, at.stripped)
         } else {
-            format!(", and within {STRIPPED_ABOVE_MM} mm of a moving upper jaw on the fixed bone above it")
+            (NodeClass::Tied, 1.0)
         };
-        let message = format!(
-            "{stripped} nodes slide instead of being tied where periosteum is stripped: within {STRIPPED_MM} mm of a saw \
-             line{above}"
-        );
-        warnings.push(Warning::info("stripped-nodes", message));
+        // Only gliding has a blend; the other classes begin in its middle.
+        mesh.attachment[node] = match class {
+            NodeClass::Gliding => Attachment::Gliding(own),
+            NodeClass::Sliding if share < 0.5 => Attachment::Sliding,
+            NodeClass::Free if share < 0.5 => Attachment::Free,
+            NodeClass::Tied | NodeClass::Sliding | NodeClass::Free => Attachment::Tied(own),
+        };
+        tied_share[node] = if class == NodeClass::Gliding { share } else { 0.0 };
     }
-    if seam > 0 {
-        let message = format!(
-            "{seam} nodes within {SEAM_MM} mm of a saw line are free: contact with the rims of the cuts is not modelled"
-        );
-        warnings.push(Warning::info("saw-line-nodes", message));
+    released.inner = free_inner_cut(mesh, &near);
+    let mut warnings = released.warnings(rules);
+    if arch.is_none() && rules.sliding.is_none() && rules.mucosa != NodeClass::Tied {
+        let message = "it is not known where the teeth are: tissue is tied to them like to other bone";
+        warnings.push(Warning::check("teeth-not-found", message).act("Set the landmark `occlusal_plane_z_mm`."));
     }
-    if inner > 0 {
-        let message = format!("{inner} nodes of the inner cut within {FREE_CUT_MM} mm of moving bone are free");
-        warnings.push(Warning::info("inner-cut-nodes", message));
-    }
+    let painted = painted(mesh, rules);
     if painted.is_empty() && (rules.skull.is_some() || !rules.paint.is_empty()) {
         let message = "the painted classes apply to no node: no node at bone lies where they were painted";
         warnings.push(Warning::check("paint-without-nodes", message).act("Paint where the tissue touches bone."));
     }
     for (node, class) in &painted {
-        mesh.attachment[*node] = match class {
-            NodeClass::Tied => nearest_segment(&near.solids, &mesh.positions[*node]),
-            NodeClass::Sliding => Attachment::Sliding,
-            NodeClass::Free => Attachment::Free,
+        let own = near.nearest(&mesh.positions[*node]).map(|(_, own)| own);
+        mesh.attachment[*node] = match (class, own) {
+            (NodeClass::Tied, Some(own)) => Attachment::Tied(own),
+            (NodeClass::Gliding, Some(own)) => Attachment::Gliding(own),
+            (NodeClass::Sliding, _) => Attachment::Sliding,
+            (NodeClass::Free, _) | (NodeClass::Tied | NodeClass::Gliding, None) => Attachment::Free,
         };
+        tied_share[*node] = 0.0;
     }
     let attached = count(mesh, painted.len());
-    (warnings, attached)
+    AttachResult { warnings, attached, tied_share }
+}
+
+impl Released {
+    fn warnings(&self, rules: &AttachmentRules) -> Vec<Warning> {
+        let how = |class: NodeClass| match class {
+            NodeClass::Tied => "are tied",
+            NodeClass::Gliding => "glide on bone",
+            NodeClass::Sliding => "slide on bone",
+            NodeClass::Free => "are free",
+        };
+        let stripped_mm = rules.stripped_mm.unwrap_or(STRIPPED_MM);
+        let all = [
+            (self.teeth, "mucosa-nodes", format!("at teeth and gum {}", how(rules.mucosa))),
+            (
+                self.stripped,
+                "stripped-nodes",
+                format!("within {stripped_mm} mm of a saw line, where periosteum is stripped, {}", how(rules.stripped)),
+            ),
+            (self.seam, "saw-line-nodes", format!("within {SEAM_MM} mm of a saw line {}", how(rules.saw_line))),
+            (
+                self.inner,
+                "inner-cut-nodes",
+                format!("of the inner cut within {FREE_CUT_MM} mm of moving bone are free"),
+            ),
+        ];
+        all.into_iter()
+            .filter(|(n, ..)| *n > 0)
+            .map(|(n, code, what)| Warning::info(code, format!("{n} nodes {what}")))
+            .collect()
+    }
 }
 
 /// Distances to segments.
@@ -180,54 +232,17 @@ struct Nearness<'a> {
 }
 
 impl Nearness<'_> {
-    fn moves(&self, segment: u32) -> bool {
-        self.moving.contains(&segment)
-    }
-
-    /// Distance from `p` to the nearest segment that counts, mm; infinite when none counts.
-    fn distance(&self, p: &Point, counts: impl Fn(u32) -> bool) -> f64 {
-        let chosen = self.solids.iter().filter(|(id, _)| counts(*id));
+    /// Distance from `p` to the nearest moving segment, mm; infinite when none moves.
+    fn to_moving(&self, p: &Point) -> f64 {
+        let chosen = self.solids.iter().filter(|(id, _)| self.moving.contains(id));
         chosen.map(|(_, solid)| solid.value(p)).fold(f64::INFINITY, f64::min)
     }
 
-    /// Whether `p` lies at two bones of which at least one moves.
-    fn is_at_seam(&self, p: &Point) -> bool {
-        let near: Vec<u32> =
-            self.solids.iter().filter(|(_, solid)| solid.value(p) < SEAM_MM).map(|(id, _)| *id).collect();
-        near.len() > 1 && near.iter().any(|id| self.moves(*id))
+    /// Distance to the nearest segment, mm, and its number; of equally near ones the first.
+    fn nearest(&self, p: &Point) -> Option<(f64, u32)> {
+        let all = self.solids.iter().map(|(id, solid)| (solid.value(p), *id));
+        all.min_by(|a, b| a.0.total_cmp(&b.0))
     }
-}
-
-/// Lets tied nodes slide where periosteum is stripped; returns their number.
-fn strip(mesh: &mut MixedMesh, near: &Nearness<'_>, sliding: &[Aabb], uppers: &[u32]) -> usize {
-    let mut stripped = 0;
-    for (node, p) in mesh.positions.iter().enumerate() {
-        let reach = match mesh.attachment[node] {
-            Attachment::Tied(own) => {
-                let is_above = !sliding.iter().any(|teeth| p.z < teeth.max.z);
-                near.distance(p, |id| id != own && (near.moves(own) || near.moves(id))) < STRIPPED_MM
-                    || (!near.moves(own) && is_above && near.distance(p, |id| uppers.contains(&id)) < STRIPPED_ABOVE_MM)
-            }
-            Attachment::Free | Attachment::Sliding | Attachment::Gliding(_) | Attachment::Fixed => false,
-        };
-        if reach {
-            mesh.attachment[node] = Attachment::Sliding;
-            stripped += 1;
-        }
-    }
-    stripped
-}
-
-/// Frees sliding nodes at seams between two bones of which at least one moves; returns their number.
-fn free_seams(mesh: &mut MixedMesh, near: &Nearness<'_>) -> usize {
-    let mut seam = 0;
-    for (node, p) in mesh.positions.iter().enumerate() {
-        if mesh.attachment[node] == Attachment::Sliding && near.is_at_seam(p) {
-            mesh.attachment[node] = Attachment::Free;
-            seam += 1;
-        }
-    }
-    seam
 }
 
 /// Frees fixed nodes where the mesh ends in depth near moving bone; returns their number.
@@ -235,8 +250,7 @@ fn free_inner_cut(mesh: &mut MixedMesh, near: &Nearness<'_>) -> usize {
     let mut freed = 0;
     for &node in &mesh.depth_cut_nodes {
         let node = node as usize;
-        let is_near = || near.distance(&mesh.positions[node], |id| near.moves(id)) < FREE_CUT_MM;
-        if mesh.attachment[node] == Attachment::Fixed && is_near() {
+        if mesh.attachment[node] == Attachment::Fixed && near.to_moving(&mesh.positions[node]) < FREE_CUT_MM {
             mesh.attachment[node] = Attachment::Free;
             freed += 1;
         }
@@ -270,11 +284,6 @@ fn painted(mesh: &MixedMesh, rules: &AttachmentRules) -> Vec<(usize, NodeClass)>
         Some((node, part.or_else(|| of_skull(p))?))
     };
     at_bone(mesh).into_par_iter().filter_map(of).collect()
-}
-
-fn nearest_segment(solids: &[(u32, &dyn Implicit)], p: &Point) -> Attachment {
-    let nearest = solids.iter().map(|(id, solid)| (solid.value(p), *id)).min_by(|a, b| a.0.total_cmp(&b.0));
-    nearest.map_or(Attachment::Free, |(_, id)| Attachment::Tied(id))
 }
 
 fn count(mesh: &MixedMesh, painted: usize) -> Attached {

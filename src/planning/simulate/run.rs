@@ -1,4 +1,4 @@
-use super::attach::{Attached, attach};
+use super::attach::{AttachResult, Attached, attach};
 use super::reach::{BoneMotion, beyond_reach, displacement_class_mm};
 use super::skin_mover::SkinMover;
 use super::tuning::{MAX_BORDER_MM, SETUP_SHARE, WARN_BORDER, WARN_BORDER_MM};
@@ -153,7 +153,8 @@ impl PreparedTissue {
         let moving = moving_segments(bone, plan)?;
         let rules = settings.attachment.clone().unwrap_or_default();
         let mut mesh = tissue.mesh.clone();
-        let (warnings, attached) = attach(&mut mesh, bone, &moving, &rules);
+        let AttachResult { warnings, attached, tied_share } =
+            attach(&mut mesh, bone, &moving, tissue.arch.as_ref(), &rules);
         let displacement_mm = displacement_class_mm(bone, plan);
         let left_out = if settings.leave_out_below_mm > 0.0 {
             let motion = BoneMotion { moving: &moving, displacement_mm };
@@ -162,7 +163,9 @@ impl PreparedTissue {
             Vec::new()
         };
         left_out.iter().for_each(|node| mesh.attachment[*node as usize] = Attachment::Fixed);
-        let equations = Prepared::new(&mesh, &bone.bodies(), &Boundary::default(), settings.solver.clone(), control)?;
+        let boundary = Boundary { tied_share, ..Boundary::default() };
+        let solver = SolveSettings { pull_off_mpa: rules.pull_off_mpa, ..settings.solver.clone() };
+        let equations = Prepared::new(&mesh, &bone.bodies(), &boundary, solver, control)?;
         Ok(Self { mesh, equations, moving, displacement_mm, left_out, attached, warnings })
     }
 }

@@ -1,5 +1,6 @@
 use super::tuning::{BEHIND_BACK_MM, BEHIND_FRONT_MM, EMBED_REACH_MM, REGION_REACH_MM, REGION_SLACK_MM};
 use super::{Anatomy, CutBone, Fields, SimulateError};
+use crate::plan::{DentalArch, propose};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Implicit, Point, Warning};
 use prosopon_tissue::mesh::{Domain, Embedding, MeshReport, MeshSettings, MixedMesh, Region, build, embed};
@@ -24,6 +25,8 @@ pub struct TissueModel {
     pub report: MeshReport,
     /// Positions of the user's skin vertices in the prisms' outer surface.
     pub embedding: Embedding,
+    /// Where the teeth are, found on the surfaces; `None` when the cuts show it or it is not found.
+    pub arch: Option<DentalArch>,
 }
 
 /// Meshes the tissue between skin and bone around the segments that can move.
@@ -51,7 +54,11 @@ pub fn build_tissue(
     let (mesh, report) = build(&domain, &settings.mesh, &control.stage(0.0, 0.95))?;
     let embedding = embed(&anatomy.skin, &mesh, EMBED_REACH_MM);
     control.report(1.0);
-    Ok(TissueModel { mesh, report, embedding })
+    let arch = match bone.and_then(|b| b.osteotomy.arch) {
+        Some(_) => None,
+        None => DentalArch::proposed(&anatomy.skull, &propose(&anatomy.skin, &anatomy.skull)),
+    };
+    Ok(TissueModel { mesh, report, embedding, arch })
 }
 
 /// Warning when the region of a mesh built without cuts does not enclose the segments `moving`.

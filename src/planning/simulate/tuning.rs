@@ -31,20 +31,27 @@ pub(super) const EMBED_REACH_MM: f64 = 2.0;
 
 /// Gap at rest below which nodes are tied by default, mm.
 pub(super) const TIE_GAP_MM: f64 = 1.5;
-/// Nodes on bone nearer than this to another segment slide if one of the two moves, mm: the periosteum is stripped there for
-/// the saw, and a tied node would be torn.
-pub(super) const STRIPPED_MM: f64 = 6.0;
-/// Nodes on fixed bone slide up to this far from a moving upper jaw, mm: a Le Fort I is sawn after the periosteum has been
-/// lifted off the front of the maxilla up to the infraorbital foramen. This does not hold for the teeth below.
+/// Height of teeth and gum above and below the occlusal plane, mm: crowns of 9 to 10.5 mm (Wheeler's Dental Anatomy) and 3.5 to
+/// 4.5 mm of attached gingiva at the incisors (Bowers, J Periodontol 34, 1963).
+pub(super) const TEETH_AND_GUM_MM: f64 = 13.0;
+/// Width of the zone beside a saw line in which the periosteum is stripped, mm. An incision in the vestibule and a saw need about
+/// 10 to 15 mm of bare bone.
+pub(super) const STRIPPED_MM: f64 = 12.0;
+/// The same zone on fixed bone above a moving upper jaw, mm: a Le Fort I is sawn after the periosteum has been lifted off the
+/// front of the maxilla up to the infraorbital foramen.
 pub(super) const STRIPPED_ABOVE_MM: f64 = 15.0;
-/// Sliding nodes this near to two segments of which one moves are freed, mm, about an edge of the mesh: the mesh cannot resolve
-/// contact with the sharp rims of a cut, and Newton's method converges slowly where single nodes slip off them.
+/// Width over which gliding turns into being tied at the border of a zone, mm: an edge of the default mesh, so that a millimetre
+/// more or less of distance does not move a node from one class to the other.
+pub(super) const BLEND_MM: f64 = 4.0;
+/// Vertices of a segment nearer than this to another segment lie on the cut between them, beside half the kerf, mm: the surfaces
+/// are that accurate at their rims.
+pub(super) const ON_CUT_MM: f64 = 1.0;
+/// Nodes this near to a saw line are free by default, mm, about an edge of the mesh: the mesh cannot resolve the sharp rims of a
+/// cut, and Newton's method converges slowly where single nodes slip off them.
 pub(super) const SEAM_MM: f64 = 4.0;
 /// Fixed nodes where the mesh ends in depth are freed within this distance of a moving segment, mm, so that it does not push
 /// against a wall that is not there.
 pub(super) const FREE_CUT_MM: f64 = 20.0;
-/// Height of the tooth crowns above and below the border of a jaw, mm.
-pub(super) const CROWN_MM: f64 = 9.0;
 /// A node farther than this from every vertex of the skull takes no class from it, mm.
 pub(super) const PAINT_REACH_MM: f64 = 5.0;
 

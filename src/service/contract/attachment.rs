@@ -10,13 +10,15 @@ use super::region::RegionRequest;
 use prosopon_geometry::{Aabb, TriMesh};
 use prosopon_planning::simulate::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};
 
-/// Boundary condition of a tissue node at bone: `tied`, `sliding` or `free`.
+/// Boundary condition of a tissue node at bone: `tied`, `gliding`, `sliding` or `free`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NodeClassName {
     /// The node moves with the nearest bone.
     Tied,
-    /// The node slides on bone.
+    /// The node is held to the bone's surface and moves freely along it, as mucosa on teeth.
+    Gliding,
+    /// The node slides on bone: bone pushes it and does not pull it.
     Sliding,
     /// The node has no contact.
     Free,
@@ -26,6 +28,7 @@ impl From<NodeClassName> for NodeClass {
     fn from(name: NodeClassName) -> Self {
         match name {
             NodeClassName::Tied => Self::Tied,
+            NodeClassName::Gliding => Self::Gliding,
             NodeClassName::Sliding => Self::Sliding,
             NodeClassName::Free => Self::Free,
         }
@@ -68,10 +71,11 @@ impl PaintDocument {
     }
 }
 
-/// Attachment of tissue nodes to bone: tied, sliding or free.
+/// Attachment of tissue nodes to bone: tied, gliding, sliding or free.
 ///
-/// Absent members follow the default rule: nodes at bone are tied; they slide on the teeth of moving jaws and where periosteum is
-/// stripped; they are free beside saw lines. The report's `attached` counts the nodes of each class.
+/// Absent members follow the default rule: nodes at bone are tied; they glide on teeth and gum and where periosteum is stripped
+/// for the saw; they are free beside saw lines. At the borders of these zones gliding turns into being tied over 4 mm. The
+/// report's `attached` counts the nodes of each class.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Attachment {
@@ -80,11 +84,30 @@ pub struct Attachment {
     /// Chosen by the default rule when absent.
     #[serde(default)]
     pub tie_gap_mm: Option<f64>,
-    /// Boxes in which nodes slide instead of being tied, LPS mm.
+    /// Class of nodes at teeth and gum, of jaws that move and of jaws that stay; `gliding` when absent.
     ///
-    /// They replace the default boxes around the teeth.
+    /// The teeth are found by the landmark `occlusal_plane_z_mm`, else by the templates' cuts, else on the surfaces.
+    #[serde(default)]
+    pub mucosa: Option<NodeClassName>,
+    /// Boxes that replace the zone of teeth and gum, LPS mm.
     #[serde(default)]
     pub sliding: Option<Vec<BoxDocument>>,
+    /// Class of nodes on stripped bone; `gliding` when absent.
+    #[serde(default)]
+    pub stripped: Option<NodeClassName>,
+    /// Width of stripped bone beside a saw line, mm, 0 to 50; 12, and 15 above a moving upper jaw, when absent.
+    ///
+    /// 0: no bone is stripped, and nodes beside saw lines are not freed.
+    #[serde(default)]
+    pub stripped_mm: Option<f64>,
+    /// Class of nodes within 4 mm of a saw line; `free` when absent.
+    #[serde(default)]
+    pub saw_line: Option<NodeClassName>,
+    /// Pull at which gliding tissue comes off bone, kPa, 0 to 1000; it never does when absent.
+    ///
+    /// Tissue that has come off is still pushed.
+    #[serde(default)]
+    pub pull_off_kpa: Option<f64>,
     /// At most 1000 boxes and balls that override the rule for the nodes inside.
     ///
     /// Where several contain a node, the last one applies.
@@ -102,6 +125,12 @@ impl Attachment {
     pub(super) fn check(&self, check: &mut Check) {
         if let Some(gap) = self.tie_gap_mm {
             check.number("/attachment/tie_gap_mm", gap, 0.0, 50.0);
+        }
+        if let Some(width) = self.stripped_mm {
+            check.number("/attachment/stripped_mm", width, 0.0, 50.0);
+        }
+        if let Some(pull) = self.pull_off_kpa {
+            check.number("/attachment/pull_off_kpa", pull, 0.0, 1000.0);
         }
         for (i, bounds) in self.sliding.iter().flatten().enumerate() {
             check.bounds(&format!("/attachment/sliding/{i}"), *bounds);
@@ -135,8 +164,15 @@ impl Attachment {
             positions: skull.positions().to_vec(),
             classes: classes.iter().map(|c| c.map(Into::into)).collect(),
         });
+        let usual = AttachmentRules::default();
+        let class = |name: Option<NodeClassName>, usual: NodeClass| name.map_or(usual, Into::into);
         Ok(AttachmentRules {
             tie_gap_mm: self.tie_gap_mm,
+            mucosa: class(self.mucosa, usual.mucosa),
+            stripped: class(self.stripped, usual.stripped),
+            stripped_mm: self.stripped_mm,
+            saw_line: class(self.saw_line, usual.saw_line),
+            pull_off_mpa: self.pull_off_kpa.map(|kpa| 1e-3 * kpa),
             sliding: self.sliding.as_ref().map(|boxes| boxes.iter().map(Aabb::from).collect()),
             skull: painted,
             paint: self.paint.iter().filter_map(PaintDocument::paint).collect(),
@@ -161,6 +197,9 @@ pub struct AttachedDocument {
     pub tied_nodes: BTreeMap<u32, usize>,
     /// Number of nodes that slide on bone.
     pub sliding_nodes: usize,
+    /// Number of nodes that glide on each segment.
+    #[serde(default)]
+    pub gliding_nodes: BTreeMap<u32, usize>,
     /// Number of nodes at bone without contact.
     pub free_nodes_at_bone: usize,
     /// Number of nodes fixed at the cut boundary of the mesh.
@@ -174,6 +213,7 @@ impl From<&Attached> for AttachedDocument {
         Self {
             tied_nodes: a.tied.clone(),
             sliding_nodes: a.sliding,
+            gliding_nodes: a.gliding.clone(),
             free_nodes_at_bone: a.free_at_bone,
             fixed_nodes: a.fixed,
             painted_nodes: a.painted,

@@ -135,8 +135,7 @@ pub struct CutDocument {
     pub kerf_mm: f64,
     /// Name of the cut, 1 to 64 characters; templates name theirs.
     ///
-    /// Names of templates' cuts decide how segments are named and where tissue is attached. A cut that is sent again should keep
-    /// its name, and a cut made by hand should not use such a name.
+    /// Segments are named after the templates' cuts that bound them. Nothing else depends on a cut's name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Purpose of the cut.

@@ -71,6 +71,12 @@ pub struct StepDocument {
     /// Contact acts on sliding nodes only.
     #[serde(default)]
     pub free_penetration_mm: f64,
+    /// Largest change of distance between bone and tissue that glides on it, mm.
+    #[serde(default)]
+    pub gliding_gap_mm: f64,
+    /// Number of gliding nodes that have come off bone.
+    #[serde(default)]
+    pub pulled_off_nodes: usize,
     /// Residual force over reaction force.
     pub relative_residual: f64,
     /// Estimate (not a bound) of the distance to the exact equilibrium, mm.
@@ -125,6 +131,8 @@ impl StepDocument {
             min_det_f: r.min_det_f,
             max_penetration_mm: r.max_penetration_mm,
             free_penetration_mm: r.bone_penetration.map_or(0.0, |sunk| sunk.depth_mm),
+            gliding_gap_mm: r.gliding_gap_mm,
+            pulled_off_nodes: r.pulled_off,
             relative_residual: r.relative_residual,
             remaining_mm: r.remaining_mm.is_finite().then_some(r.remaining_mm),
             newton_iterations: r.newton_iterations,

@@ -229,14 +229,6 @@ impl Engine for Numerics {
         let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, &templates))?);
         let warnings = templates.warnings(&osteotomy);
         osteotomy.warnings.extend(warnings);
-        for cut in cuts.cuts.iter().filter(|c| c.name.as_deref().is_some_and(plan::is_template_name)) {
-            let message = format!(
-                "the name of the cut `{}` decides how segments are named and where tissue is attached",
-                cut.name.as_deref().unwrap_or_default()
-            );
-            let advice = "Give the cut another name unless a template made it.";
-            osteotomy.warnings.push(Warning::check("cut-named-like-template", message).act(advice));
-        }
         let clearances = plan::clearances(&osteotomy, &cuts.protected)?;
         for near in &clearances {
             let Some(protected) = cuts.protected.get(near.protected) else { continue };

@@ -4,29 +4,29 @@ use prosopon_geometry::{Motion, Point, Vector};
 use prosopon_planning::plan::Template;
 
 /// An operation that can be applied to any head.
-pub(super) struct Operation {
-    pub(super) name: String,
-    pub(super) templates: Vec<Template>,
-    pub(super) moves: Vec<Move>,
+pub(crate) struct Operation {
+    pub(crate) name: String,
+    pub(crate) templates: Vec<Template>,
+    pub(crate) moves: Vec<Move>,
     /// Streamed steps.
-    pub(super) steps: usize,
+    pub(crate) steps: usize,
 }
 
 /// Motion of one segment.
 #[derive(Clone)]
-pub(super) struct Move {
+pub(crate) struct Move {
     /// Suggested name of the segment.
-    pub(super) segment: &'static str,
+    pub(crate) segment: &'static str,
     /// Translation to the patient's left, back and up (LPS), mm.
-    pub(super) shift_mm: [f64; 3],
+    pub(crate) shift_mm: [f64; 3],
     /// Rotation axis and angle, degrees.
-    pub(super) turn: (Vector, f64),
-    pub(super) about: Pivot,
+    pub(crate) turn: (Vector, f64),
+    pub(crate) about: Pivot,
 }
 
 /// Pivot of a segment's rotation.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Pivot {
+pub(crate) enum Pivot {
     /// Centre of mass of the segment.
     Centre,
     /// Condyle on the side of the segment.
@@ -68,7 +68,7 @@ const BSSO: [Template; 2] = [Template::BssoLeft, Template::BssoRight];
 const BOTH_JAWS: [Template; 3] = [Template::LeFort1, Template::BssoLeft, Template::BssoRight];
 
 /// All forty operations.
-pub(super) fn all() -> Vec<Operation> {
+pub(crate) fn all() -> Vec<Operation> {
     let mut all = upper_jaw();
     all.extend(chin());
     all.extend(lower_jaw());

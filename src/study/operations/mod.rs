@@ -13,7 +13,8 @@ use super::files::refuse_unwritable;
 use super::head::{Head, HeadSource};
 use super::model_case::{ModelCase, PHASES, clock, phases_s};
 use super::process;
-use catalogue::{Move, Operation, Pivot};
+use catalogue::{Move, Pivot};
+pub(super) use catalogue::{Operation, all};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Severity, Warning};
 use prosopon_planning::plan::{
@@ -124,9 +125,9 @@ impl Row {
 }
 
 /// The cut bone and the tissue around it.
-struct Scene {
-    bone: CutBone,
-    tissue: TissueModel,
+pub(super) struct Scene {
+    pub(super) bone: CutBone,
+    pub(super) tissue: TissueModel,
     prepare_s: f64,
 }
 
@@ -143,7 +144,7 @@ impl OperationStudy<'_> {
             propose(&head.anatomy.skin, &head.anatomy.skull).fill(&mut head.landmarks);
             let fields = build_fields(&head.anatomy, &FieldsSettings::default(), &Control::new())?;
             let mut scenes: BTreeMap<(Vec<Template>, u64), Result<Scene, String>> = BTreeMap::new();
-            for operation in catalogue::all() {
+            for operation in all() {
                 if self.only.is_some_and(|only| !operation.name.contains(only)) {
                     continue;
                 }
@@ -262,8 +263,19 @@ impl OperationStudy<'_> {
     }
 }
 
-/// Cuts the bone and builds the mesh; the error is the reason in words.
+/// Cuts the bone and builds a mesh with this edge; the error is the reason in words.
 fn scene(head: &Head, fields: &Fields, templates: &[Template], edge_mm: f64) -> Result<Scene, String> {
+    let mesh = MeshSettings { edge_mm, ..MeshSettings::default() };
+    scene_with(head, fields, templates, &TissueSettings { mesh, ..TissueSettings::default() })
+}
+
+/// Cuts the bone and builds the mesh; the error is the reason in words.
+pub(super) fn scene_with(
+    head: &Head,
+    fields: &Fields,
+    templates: &[Template],
+    tissue: &TissueSettings,
+) -> Result<Scene, String> {
     let begin = Instant::now();
     let control = Control::new();
     let call = |t: &Template| TemplateCall { template: *t, landmarks: head.landmarks.clone(), kerf_mm: 0.0 };
@@ -276,14 +288,12 @@ fn scene(head: &Head, fields: &Fields, templates: &[Template], edge_mm: f64) -> 
     let mut osteotomy = (*bone.osteotomy).clone();
     name_segments(&mut osteotomy, &head.landmarks);
     bone.osteotomy = osteotomy.into();
-    let mesh = MeshSettings { edge_mm, ..MeshSettings::default() };
-    let settings = TissueSettings { mesh, ..TissueSettings::default() };
-    let tissue = build_tissue(&head.anatomy, fields, Some(&bone), &settings, &control).map_err(|e| e.to_string())?;
+    let tissue = build_tissue(&head.anatomy, fields, Some(&bone), tissue, &control).map_err(|e| e.to_string())?;
     Ok(Scene { bone, tissue, prepare_s: begin.elapsed().as_secs_f64() })
 }
 
 /// The paths of all segments that the operation moves; the error is the reason in words.
-fn plan(bone: &CutBone, moves: &[Move], landmarks: &Landmarks) -> Result<Plan, String> {
+pub(super) fn plan(bone: &CutBone, moves: &[Move], landmarks: &Landmarks) -> Result<Plan, String> {
     let segments = &bone.osteotomy.segments;
     let path = |m: &Move| {
         let named = |s: &&Segment| s.name.as_deref() == Some(m.segment);

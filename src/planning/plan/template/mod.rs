@@ -8,8 +8,8 @@
 //! 3. Add its name and its landmarks to `TemplateName` in `src/service/contract/osteotomy.rs`; regenerate `api/openapi.json`.
 //! 4. Where `propose` does not find a landmark, each request must give it.
 //!
-//! Names of cuts are read by `plan/names.rs` (names of segments), `template/merge.rs` (steps of a Le Fort I) and
-//! `simulate/attach.rs` (where the teeth are). Choose a name whose beginning is known there, or add it there.
+//! Names of cuts are read by `plan/names.rs` (names of segments) and `template/merge.rs` (steps of a Le Fort I). Choose a name
+//! whose beginning is known there, or add it there.
 
 mod le_fort_1;
 mod mandible;

@@ -1,6 +1,9 @@
 //! How inner nodes hang on bone: tied, gliding, sliding or free, by rule, then by painting.
 
+mod beyond;
 mod zones;
+
+pub(super) use beyond::open_ends;
 
 use std::collections::BTreeMap;
 
@@ -25,6 +28,15 @@ pub enum NodeClass {
     Sliding,
     /// Neither tied nor in contact.
     Free,
+}
+
+/// What lies beyond the mesh where it ends inside tissue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Beyond {
+    /// A wall: the ends are fixed.
+    Wall,
+    /// Tissue: springs as stiff as 40 mm of muscle draw the ends to their places at rest.
+    Tissue,
 }
 
 /// A class for all nodes at bone in a part of space.
@@ -65,6 +77,8 @@ pub struct AttachmentRules {
     pub saw_line: NodeClass,
     /// Pull at which gliding tissue comes off bone, MPa; `None` when it never does.
     pub pull_off_mpa: Option<f64>,
+    /// What lies beyond the mesh where it ends inside tissue.
+    pub beyond: Beyond,
     /// Classes painted on the skull; they override the rules.
     pub skull: Option<SkullPaint>,
     /// Classes for parts of space; they override all the above, and the last part that holds a node wins.
@@ -81,6 +95,7 @@ impl Default for AttachmentRules {
             stripped_mm: None,
             saw_line: NodeClass::Free,
             pull_off_mpa: None,
+            beyond: Beyond::Tissue,
             skull: None,
             paint: Vec::new(),
         }
@@ -302,114 +317,4 @@ fn count(mesh: &MixedMesh, painted: usize) -> Attached {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::sync::Arc;
-
-    use super::*;
-    use crate::plan::{BoundedPlane, Cut, Osteotomy};
-    use prosopon_field::{MethodSettings, SignedField};
-    use prosopon_geometry::control::Control;
-    use prosopon_geometry::{TriMesh, Vector};
-    use prosopon_tissue::mesh::Tissue;
-
-    fn block(low: [f64; 3], high: [f64; 3]) -> TriMesh {
-        let corner = |i: usize| Point::from([0, 1, 2].map(|a| if i >> a & 1 == 1 { high[a] } else { low[a] }));
-        let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-        let triangles = faces.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
-        TriMesh::new((0..8).map(corner).collect(), triangles).unwrap()
-    }
-
-    /// A fixed upper block and a moving lower one, 1 mm apart at z = 0, parted by a cut of this name.
-    fn jaws(cut: &str) -> CutBone {
-        let plane = BoundedPlane { point: Point::origin(), normal: Vector::z(), bounds: None };
-        let segment = |id: u32, surface: TriMesh| Segment {
-            id,
-            name: None,
-            volume_mm3: surface.volume(),
-            area_mm2: surface.area(),
-            centroid: surface.bounds().center(),
-            surface,
-            bounded_by: vec![0],
-        };
-        let segments = vec![
-            segment(0, block([-20.0, -20.0, 0.5], [20.0, 20.0, 40.0])),
-            segment(1, block([-20.0, -20.0, -40.0], [20.0, 20.0, -0.5])),
-        ];
-        let settings = MethodSettings::default().coarser(2.0);
-        let field = |s: &Segment| Arc::new(SignedField::build_only(&s.surface, &settings, &Control::new()).unwrap().0);
-        let fields = segments.iter().map(field).collect();
-        let (cuts, warnings) = (vec![Cut::from(plane).named(cut)], Vec::new());
-        let osteotomy = Osteotomy { cuts, segments, bone_mm3: 0.0, dropped_mm3: 0.0, warnings };
-        CutBone { osteotomy: Arc::new(osteotomy), fields }
-    }
-
-    /// Nodes on the front of the blocks at these heights, all sliding at first.
-    fn front(heights: &[f64]) -> MixedMesh {
-        let positions: Vec<Point> = heights.iter().map(|z| Point::new(0.0, -20.0, *z)).collect();
-        let n = positions.len() as u32;
-        MixedMesh {
-            tetrahedra: Vec::new(),
-            tetrahedron_tissue: Vec::<Tissue>::new(),
-            prisms: Vec::new(),
-            prism_tissue: Vec::new(),
-            bone_faces: (0..n).map(|i| [i, (i + 1) % n, (i + 2) % n]).collect(),
-            attachment: vec![Attachment::Sliding; positions.len()],
-            positions,
-            depth_cut_nodes: Vec::new(),
-            facing: Vec::new(),
-        }
-    }
-
-    const HEIGHTS: [f64; 6] = [-38.0, -20.0, -7.5, 1.0, 11.0, 25.0];
-
-    fn classes(cut: &str, rules: &AttachmentRules) -> (Vec<Attachment>, Attached) {
-        let mut mesh = front(&HEIGHTS);
-        let (_, attached) = attach(&mut mesh, &jaws(cut), &[1], rules);
-        (mesh.attachment, attached)
-    }
-
-    #[test]
-    fn a_lower_jaw_slides_at_its_teeth_and_holds_the_chin() {
-        use Attachment::{Free, Sliding, Tied};
-        let (found, attached) = classes("occlusal", &AttachmentRules::default());
-        // Within 9 mm of the occlusal plane tissue slides, at the saw line it is free; the lower border is tied, so that it is
-        // pulled back.
-        assert_eq!(found, [Tied(1), Tied(1), Sliding, Free, Tied(0), Tied(0)]);
-        assert_eq!((attached.tied[&1], attached.tied[&0], attached.sliding, attached.free_at_bone), (2, 2, 1, 1));
-        // A chin has no teeth; what is left of its cut is stripped.
-        let (found, _) = classes("genioplasty", &AttachmentRules::default());
-        assert_eq!(found[..2], [Tied(1), Tied(1)]);
-        // Of an upper jaw the teeth are at the lower border.
-        let (found, _) = classes("le_fort_1", &AttachmentRules::default());
-        assert_eq!(found[..2], [Sliding, Tied(1)]);
-    }
-
-    #[test]
-    fn what_is_painted_goes_over_the_rules_and_the_last_one_wins() {
-        use Attachment::{Free, Sliding, Tied};
-        let ball = |class, z, radius_mm| Paint {
-            class,
-            part: MaskRegion::Ball { centre: Point::new(0.0, -20.0, z), radius_mm },
-        };
-        let paint = vec![
-            ball(NodeClass::Free, -38.0, 30.0),
-            ball(NodeClass::Sliding, -20.0, 5.0),
-            ball(NodeClass::Tied, 1.0, 2.0),
-        ];
-        let rules = AttachmentRules { paint, ..AttachmentRules::default() };
-        let (found, attached) = classes("occlusal", &rules);
-        assert_eq!(found, [Free, Sliding, Sliding, Tied(0), Tied(0), Tied(0)]);
-        assert_eq!(attached.painted, 3);
-    }
-
-    #[test]
-    fn nodes_take_the_class_of_the_nearest_painted_vertex_of_the_skull() {
-        use Attachment::{Free, Tied};
-        let positions = [-38.5, -20.0, 11.0, 60.0].map(|z| Point::new(0.0, -21.0, z)).to_vec();
-        let classes_of = vec![Some(NodeClass::Free), None, Some(NodeClass::Free), Some(NodeClass::Free)];
-        let skull = Some(SkullPaint { positions, classes: classes_of });
-        let (found, attached) = classes("occlusal", &AttachmentRules { skull, ..AttachmentRules::default() });
-        assert_eq!([found[0], found[1], found[4], found[5]], [Free, Tied(1), Free, Tied(0)]);
-        assert_eq!(attached.painted, 2);
-    }
-}
+mod tests;

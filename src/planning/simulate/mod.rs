@@ -15,7 +15,7 @@ mod skin_mover;
 mod tissue;
 mod tuning;
 
-pub use attach::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};
+pub use attach::{Attached, AttachmentRules, Beyond, NodeClass, Paint, SkullPaint};
 pub use bone::{CutBone, cut_bone, segment_fields};
 pub use error::SimulateError;
 pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_around};

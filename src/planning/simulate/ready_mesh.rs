@@ -88,7 +88,8 @@ impl ReadyMesh {
     ///
     /// Cells that are inside out are reoriented; in each wedge the triangle on the boundary becomes the outer one.
     ///
-    /// Point arrays, all optional: `attachment` (-1 free, 0 tied to the skull, k tied to segment k, -2 sliding), `fixed_mask`
+    /// Point arrays, all optional: `attachment` (-1 free, 0 tied to the skull, k tied to segment k, -2 sliding, -3 - k gliding on
+    /// segment k), `fixed_mask`
     /// (axes along which the point is held, bits x = 1, y = 2, z = 4), `prescribed_mm` (displacement along these axes, mm;
     /// three components), `force_n` (dead load, N; three components). Cell array, optional: `tissue` (0 skin, 1 muscle, 2 fat,
     /// 3 mucosa); without it wedges are skin and tetrahedra fat.
@@ -346,7 +347,7 @@ impl BoundaryFaces {
 /// An outer triangle of a prism counts only if it has a sliding corner.
 fn bone_faces(tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]], attachment: &[Attachment]) -> Vec<[u32; 3]> {
     let (faces, n_outer) = boundary_of(tetrahedra, prisms);
-    let slides = |n: &u32| attachment[*n as usize] == Attachment::Sliding;
+    let slides = |n: &u32| matches!(attachment[*n as usize], Attachment::Sliding | Attachment::Gliding(_));
     let is_whole = |i: usize, t: &[u32; 3]| {
         t.iter().all(|&n| attachment[n as usize] != Attachment::Free) && (i >= n_outer || t.iter().any(slides))
     };
@@ -412,11 +413,12 @@ fn attachments(volume: &VolumeMesh, warnings: &mut Vec<Warning>) -> Result<Vec<A
         warnings.push(Warning::check("no-attachment-array", message).act("Add the array, or check its spelling."));
         return Ok(vec![Attachment::Free; volume.points.len()]);
     };
-    let numbers = whole_numbers(array, "point", "attachment", -2, i64::from(u32::MAX))?;
+    let most = i64::from(u32::MAX);
+    let numbers = whole_numbers(array, "point", "attachment", -3 - most, most)?;
     let attachment = |number: i64| match u32::try_from(number) {
         Ok(segment) => Attachment::Tied(segment),
         Err(_) if number == -1 => Attachment::Free,
-        Err(_) => Attachment::Sliding,
+        Err(_) => u32::try_from(-3 - number).map_or(Attachment::Sliding, Attachment::Gliding),
     };
     Ok(numbers.into_iter().map(attachment).collect())
 }

@@ -1,8 +1,8 @@
-use super::attach::{AttachResult, Attached, attach};
+use super::attach::{AttachResult, Attached, attach, open_ends};
 use super::reach::{BoneMotion, beyond_reach, displacement_class_mm};
 use super::skin_mover::SkinMover;
 use super::tuning::{MAX_BORDER_MM, SETUP_SHARE, WARN_BORDER, WARN_BORDER_MM};
-use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
+use super::{Anatomy, AttachmentRules, Beyond, CutBone, SimulateError, TissueModel};
 use crate::evaluate::{FaceRegion, FaceRegions, face_regions};
 use crate::plan::{Plan, PlanError};
 use prosopon_geometry::control::Control;
@@ -155,6 +155,10 @@ impl PreparedTissue {
         let mut mesh = tissue.mesh.clone();
         let AttachResult { warnings, attached, tied_share } =
             attach(&mut mesh, bone, &moving, tissue.arch.as_ref(), &rules);
+        let foundation_n_mm = match rules.beyond {
+            Beyond::Tissue => open_ends(&mut mesh, bone, &moving, &settings.solver.materials),
+            Beyond::Wall => Vec::new(),
+        };
         let displacement_mm = displacement_class_mm(bone, plan);
         let left_out = if settings.leave_out_below_mm > 0.0 {
             let motion = BoneMotion { moving: &moving, displacement_mm };
@@ -163,7 +167,7 @@ impl PreparedTissue {
             Vec::new()
         };
         left_out.iter().for_each(|node| mesh.attachment[*node as usize] = Attachment::Fixed);
-        let boundary = Boundary { tied_share, ..Boundary::default() };
+        let boundary = Boundary { tied_share, foundation_n_mm, ..Boundary::default() };
         let solver = SolveSettings { pull_off_mpa: rules.pull_off_mpa, ..settings.solver.clone() };
         let equations = Prepared::new(&mesh, &bone.bodies(), &boundary, solver, control)?;
         Ok(Self { mesh, equations, moving, displacement_mm, left_out, attached, warnings })

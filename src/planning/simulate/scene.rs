@@ -170,18 +170,19 @@ impl Scene {
         }
         let mut warnings = self.ready.warnings.clone();
         let attachment = &self.ready.mesh.attachment;
-        let slides = attachment.contains(&Attachment::Sliding);
+        let slides = attachment.iter().any(|a| matches!(a, Attachment::Sliding | Attachment::Gliding(_)));
         if slides && self.bones.is_empty() {
             let message = "points slide (attachment -2), but there is no bone to slide on";
             warnings.push(Warning::check("no-bone-to-slide-on", message).act("Give `bones`."));
         }
         if !slides && !self.bones.is_empty() {
-            let message = "bones are given, but no point slides (attachment -2): there is no contact with bone";
+            let message = "bones are given, but no point slides (attachment -2) or glides (-3 and below): there is no contact with bone";
             warnings.push(Warning::check("no-point-slides", message).act("Let points slide, or leave out `bones`."));
         }
         for path in &self.plan.paths {
             let segment = path.segment();
-            let used = attachment.contains(&Attachment::Tied(segment)) || self.bones.iter().any(|(s, _)| *s == segment);
+            let on = |a: &Attachment| matches!(a, Attachment::Tied(s) | Attachment::Gliding(s) if *s == segment);
+            let used = attachment.iter().any(on) || self.bones.iter().any(|(s, _)| *s == segment);
             if !used {
                 let message = format!("segment {segment} moves nothing: no point is tied to it and it has no bone");
                 warnings

@@ -52,6 +52,11 @@ pub(super) const SEAM_MM: f64 = 4.0;
 /// Fixed nodes where the mesh ends in depth are freed within this distance of a moving segment, mm, so that it does not push
 /// against a wall that is not there.
 pub(super) const FREE_CUT_MM: f64 = 20.0;
+/// Length of the tissue beyond the mesh's ends, mm: about the distance from the chin's lower border to the hyoid, and from the
+/// cheek to the ear.
+pub(super) const BEYOND_MM: f64 = 40.0;
+/// Ends farther than this from moving bone stay fixed, mm: tissue there hardly moves.
+pub(super) const BEYOND_REACH_MM: f64 = 60.0;
 /// A node farther than this from every vertex of the skull takes no class from it, mm.
 pub(super) const PAINT_REACH_MM: f64 = 5.0;
 

@@ -8,7 +8,7 @@ use super::check::Check;
 use super::fault::{Fault, FaultKind};
 use super::region::RegionRequest;
 use prosopon_geometry::{Aabb, TriMesh};
-use prosopon_planning::simulate::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};
+use prosopon_planning::simulate::{Attached, AttachmentRules, Beyond, NodeClass, Paint, SkullPaint};
 
 /// Boundary condition of a tissue node at bone: `tied`, `gliding`, `sliding` or `free`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -31,6 +31,25 @@ impl From<NodeClassName> for NodeClass {
             NodeClassName::Gliding => Self::Gliding,
             NodeClassName::Sliding => Self::Sliding,
             NodeClassName::Free => Self::Free,
+        }
+    }
+}
+
+/// What lies beyond the mesh where it ends inside tissue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum BeyondName {
+    /// A wall: the mesh's ends are fixed.
+    Wall,
+    /// Tissue: springs as stiff as 40 mm of muscle draw the ends within 60 mm of moving bone to their places at rest.
+    Tissue,
+}
+
+impl From<BeyondName> for Beyond {
+    fn from(name: BeyondName) -> Self {
+        match name {
+            BeyondName::Wall => Self::Wall,
+            BeyondName::Tissue => Self::Tissue,
         }
     }
 }
@@ -108,6 +127,9 @@ pub struct Attachment {
     /// Tissue that has come off is still pushed.
     #[serde(default)]
     pub pull_off_kpa: Option<f64>,
+    /// What lies beyond the mesh where it ends inside tissue; `tissue` when absent.
+    #[serde(default)]
+    pub beyond: Option<BeyondName>,
     /// At most 1000 boxes and balls that override the rule for the nodes inside.
     ///
     /// Where several contain a node, the last one applies.
@@ -173,6 +195,7 @@ impl Attachment {
             stripped_mm: self.stripped_mm,
             saw_line: class(self.saw_line, usual.saw_line),
             pull_off_mpa: self.pull_off_kpa.map(|kpa| 1e-3 * kpa),
+            beyond: self.beyond.map_or(usual.beyond, Into::into),
             sliding: self.sliding.as_ref().map(|boxes| boxes.iter().map(Aabb::from).collect()),
             skull: painted,
             paint: self.paint.iter().filter_map(PaintDocument::paint).collect(),

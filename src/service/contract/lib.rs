@@ -35,7 +35,7 @@ mod surface;
 mod tissue;
 mod warning;
 
-pub use attachment::{AttachedDocument, Attachment, NodeClassName, PaintDocument};
+pub use attachment::{AttachedDocument, Attachment, BeyondName, NodeClassName, PaintDocument};
 pub use bounds::BoxDocument;
 pub use check::{Check, REACH_MM, short_number};
 pub use compare::{

@@ -1,6 +1,8 @@
 //! The modelling choices that the study changes.
 
-use prosopon_planning::simulate::{AttachmentRules, LEAVE_OUT_BELOW_MM, NodeClass, RunSettings, TissueSettings};
+use prosopon_planning::simulate::{
+    AttachmentRules, Beyond, LEAVE_OUT_BELOW_MM, NodeClass, RunSettings, TissueSettings,
+};
 use prosopon_tissue::fem::material::{Material, Materials};
 use prosopon_tissue::fem::{Locking, Model, Preset, SolveSettings};
 
@@ -56,7 +58,9 @@ pub(super) fn choices() -> Vec<Choice> {
         choice("stripped bone: 18 mm", |c| c.rules().stripped_mm = Some(18.0)),
         choice("saw line: glides", |c| c.rules().saw_line = NodeClass::Gliding),
         choice("gliding: lets go at 1 kPa", |c| c.rules().pull_off_mpa = Some(1e-3)),
+        choice("neck: a wall", |c| c.rules().beyond = Beyond::Wall),
         choice("all: pushed only, 6 mm", |c| {
+            c.rules().beyond = Beyond::Wall;
             let rules = c.rules();
             (rules.mucosa, rules.stripped) = (NodeClass::Sliding, NodeClass::Sliding);
             rules.stripped_mm = Some(6.0);

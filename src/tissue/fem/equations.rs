@@ -8,7 +8,7 @@ use super::contact::{ContactPair, penetration};
 use super::dofs::Condition;
 use super::linear_solve::LinearSolver;
 use super::problem::Problem;
-use super::springs::SpringBlocks;
+use super::springs::Bend;
 use super::state::PathState;
 use super::tuning::NEAR_MM;
 use super::workspace::Workspace;
@@ -78,16 +78,10 @@ impl<'a> Equations<'a> {
 
     /// Computes the stiffness of elements and springs, and their forces, in the workspace.
     pub(super) fn tangent(&mut self, x: &[Vector], motions: &[Motion], curvature: Curvature) -> Result<(), Inversion> {
-        let blocks = self.spring_blocks(x, motions, curvature);
-        self.work.tangent(&self.problem, x, curvature, blocks)?;
+        let springs = self.state.springs.stiffness_at(x, motions);
+        self.work.tangent(&self.problem, x, curvature, Bend::Limited(springs))?;
         self.work.add_springs(&self.problem, self.state.springs.gradients(x, motions));
         Ok(())
-    }
-
-    /// Stiffness of the springs. Small strain has no projected tangent to fall back on, so its springs are always convex.
-    pub(super) fn spring_blocks(&self, x: &[Vector], motions: &[Motion], curvature: Curvature) -> SpringBlocks {
-        let curvature = if self.problem.limits().linear { Curvature::Projected } else { curvature };
-        self.state.springs.blocks(x, motions, curvature)
     }
 
     /// The state after the share `step` of a change `d` of the unknowns. Gliding nodes follow the surface of their bodies.
@@ -174,7 +168,8 @@ impl<'a> Equations<'a> {
         contacts: &[ContactPair],
         motions: &[Motion],
     ) -> Result<(), Inversion> {
-        self.tangent(x, motions, Curvature::Exact)?;
+        let springs = self.state.springs.stiffness_at(x, motions);
+        self.work.tangent(&self.problem, x, Curvature::Exact, Bend::Whole(springs))?;
         let curved = Some(Curved { x, motions, share: 1.0 });
         self.work.add_contact(&self.problem, &self.state.contact, contacts, curved);
         Ok(())

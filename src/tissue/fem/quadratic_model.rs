@@ -8,6 +8,7 @@ use super::equations::Equations;
 use super::factor::Indefinite;
 use super::failure::Failure;
 use super::report::IterationRecord;
+use super::springs::Bend;
 use super::tuning::{
     DOUBTFUL_MM, FORCING_OF_PREDICTION, MAX_ACTIVE_SETS, MAX_CONTACT_MOTION_MM, NEGLIGIBLE_CHANGES, TRUSTED_MM,
 };
@@ -190,8 +191,8 @@ pub(super) fn predict(
     let kept = equations.state.contact_forces.clone();
     let end = end.as_slice();
     for curvature in [Curvature::Exact, Curvature::Projected] {
-        let springs = equations.spring_blocks(&target, end, curvature);
-        equations.work.tangent(&equations.problem, x, curvature, springs)?;
+        let springs = equations.state.springs.stiffness_at(&target, end);
+        equations.work.tangent(&equations.problem, x, curvature, Bend::Limited(springs))?;
         let mut record = IterationRecord::default();
         equations.work.prepare(&equations.problem);
         let path = StepPath { length_mm, x: [x, &target], gradients: [&gradients[0], &gradients[1]], motions };

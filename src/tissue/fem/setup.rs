@@ -13,7 +13,7 @@ use super::memory;
 use super::problem::{Limits, Problem};
 use super::report::PhaseTimes;
 use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
-use super::springs::{self, SpringBlocks, SpringPoint, Springs};
+use super::springs::{self, Bend, SpringPoint, SpringStiffness, Springs};
 use super::state::PathState;
 use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FORCE_FLOOR, SPRING_STIFFNESS};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
@@ -59,8 +59,8 @@ pub struct Prepared {
     rest: Arc<Vec<f64>>,
     loads: Vec<Vector>,
     springs: Arc<Vec<SpringPoint>>,
-    /// Blocks of the springs at rest.
-    spring_blocks: SpringBlocks,
+    /// Stiffness of the springs at rest.
+    springs_at_rest: Vec<SpringStiffness>,
     /// Boundary points on which contact does not act.
     noncontact: Arc<Vec<[u32; 3]>>,
     /// MPa/mm.
@@ -120,7 +120,7 @@ impl Prepared {
         let points = Arc::new(points);
         let still = vec![Motion::identity(); bodies.len()];
         let at_rest = Springs::new(Arc::clone(&points), bodies.to_vec(), SPRING_STIFFNESS * contact_stiffness)?;
-        let spring_blocks = at_rest.blocks(dofs.rest(), &still, Curvature::Projected);
+        let springs_at_rest = at_rest.stiffness_at(dofs.rest(), &still);
         let has_loads = boundary.loads_n.iter().any(|f| *f != Vector::zeros());
         let mut prepared = Self {
             surface: surface.map(Arc::new),
@@ -133,7 +133,7 @@ impl Prepared {
             rest: Arc::default(),
             loads: if has_loads { boundary.loads_n.clone() } else { Vec::new() },
             springs: points,
-            spring_blocks,
+            springs_at_rest,
             noncontact: Arc::new(noncontact),
             contact_stiffness,
             limits: limits(&settings, &scale),
@@ -181,7 +181,8 @@ impl Prepared {
             self.work.factorisations = 1;
             self.rest = Arc::new(values.clone());
             let points = &self.springs;
-            springs::add_blocks(&self.dofs, self.assembly.pattern(), points, &self.spring_blocks, &mut values);
+            let springs = Bend::Limited(self.springs_at_rest.clone());
+            springs::add_blocks(&self.dofs, self.assembly.pattern(), points, springs, &mut values);
             // A matrix that is not positive definite at rest is reported by the first solve.
             let _ = factor.factorise(&values);
         }

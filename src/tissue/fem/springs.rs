@@ -8,17 +8,20 @@
 //! directions. A share of hold blends gliding into being tied; on a node that no bone moves it is an elastic foundation.
 
 mod points;
+mod smooth;
 
+use points::HeldNormal;
 pub(super) use points::{SpringPoint, points};
+use smooth::Smooth;
 
-use super::assembly::{Curvature, Pattern};
+use super::assembly::Pattern;
 use super::checkpoint::flags;
 use super::dofs::Dofs;
 use super::error::SolveError;
 use super::settings::ContactBody;
-use super::tuning::{RETRACTIONS, SPRINGS_PER_TASK};
+use super::tuning::{BEND_SHARE, RETRACTIONS, SPRINGS_PER_TASK};
 use nalgebra::Matrix3;
-use prosopon_geometry::{Motion, Point, Vector};
+use prosopon_geometry::{Implicit, Motion, Point, Vector};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -49,6 +52,15 @@ struct Normal {
     normal: Vector,
     /// MPa; negative where the body pulls.
     pressure: f64,
+}
+
+/// Second derivatives of one spring's energy, N/mm.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SpringStiffness {
+    /// Part without the body's curvature, positive semi-definite.
+    stiff: Matrix3<f64>,
+    /// Part from the body's curvature.
+    bend: Matrix3<f64>,
 }
 
 /// The springs' share of a stiffness matrix: a block on the diagonal for each point, N/mm.
@@ -117,7 +129,8 @@ impl<'a> Springs<'a> {
         let p = &self.points[index];
         let held = p.normal?;
         let body = &self.bodies[p.body?];
-        let (value, gradient) = body.solid.value_gradient(&(motion.inverse_transform_point(at) + held.shift));
+        let solid = Smooth { solid: body.solid, radius_mm: held.smooth_mm };
+        let (value, gradient) = solid.value_gradient(&(motion.inverse_transform_point(at) + held.shift));
         let gap = value - held.rest_mm;
         let pressure = self.memory.multipliers[index] - self.stiffness * gap;
         let acts = pressure > 0.0 || !self.memory.released[index];
@@ -165,25 +178,24 @@ impl<'a> Springs<'a> {
         }
     }
 
-    /// Second derivatives of the energy. With a projected curvature they are positive semi-definite.
-    pub(super) fn blocks(&self, x: &[Vector], motions: &[Motion], curvature: Curvature) -> SpringBlocks {
-        SpringBlocks(self.each(x, motions, |index, p, at, motion| {
-            let mut block = Matrix3::identity() * p.hold;
-            if let (Some(found), Some(held)) = (self.normal(index, &at, &motion), p.normal) {
-                block += found.normal * found.normal.transpose() * (self.stiffness * held.area_mm2);
-                block += self.bend(index, held.shift, &at, &motion, curvature) * (-found.pressure * held.area_mm2);
-            }
-            if curvature == Curvature::Projected { positive_part(block) } else { block }
-        }))
+    /// Second derivatives of the energy.
+    pub(super) fn stiffness_at(&self, x: &[Vector], motions: &[Motion]) -> Vec<SpringStiffness> {
+        self.each(x, motions, |index, p, at, motion| {
+            let hold = Matrix3::identity() * p.hold;
+            let (Some(found), Some(held)) = (self.normal(index, &at, &motion), p.normal) else {
+                return SpringStiffness { stiff: hold, bend: Matrix3::zeros() };
+            };
+            let stiff = found.normal * found.normal.transpose() * (self.stiffness * held.area_mm2);
+            let bend = self.curvature(index, &held, &at, &motion) * (-found.pressure * held.area_mm2);
+            SpringStiffness { stiff: hold + stiff, bend }
+        })
     }
 
     /// Second derivatives of a point's distance, 1/mm.
-    fn bend(&self, index: usize, shift: Vector, at: &Point, motion: &Motion, curvature: Curvature) -> Matrix3<f64> {
+    fn curvature(&self, index: usize, held: &HeldNormal, at: &Point, motion: &Motion) -> Matrix3<f64> {
         let Some(body) = self.points[index].body else { return Matrix3::zeros() };
-        if curvature == Curvature::Projected {
-            return Matrix3::zeros();
-        }
-        let local = self.bodies[body].solid.hessian(&(motion.inverse_transform_point(at) + shift));
+        let solid = Smooth { solid: self.bodies[body].solid, radius_mm: held.smooth_mm };
+        let local = solid.hessian(&(motion.inverse_transform_point(at) + held.shift));
         let r = motion.rotation.to_rotation_matrix();
         r.matrix() * local * r.matrix().transpose()
     }
@@ -296,16 +308,41 @@ impl SpringBlocks {
     }
 }
 
-/// Adds blocks to the diagonal of the stiffness `values`.
+/// Stiffness of springs, and how much of the bodies' curvature it includes.
+pub(super) enum Bend {
+    /// All of it: the exact second derivatives.
+    #[cfg(test)]
+    Whole(Vec<SpringStiffness>),
+    /// As much as leaves each node most of the elements' stiffness, so that the matrix mostly stays positive definite.
+    Limited(Vec<SpringStiffness>),
+    /// Blocks that were computed before.
+    Known(SpringBlocks),
+}
+
+/// Adds springs to the diagonal of the elements' stiffness `values`; returns the blocks that were added.
 pub(super) fn add_blocks(
     dofs: &Dofs,
     pattern: &Pattern,
     points: &[SpringPoint],
-    blocks: &SpringBlocks,
+    springs: Bend,
     values: &mut [f64],
-) {
+) -> SpringBlocks {
+    let limited = |(p, s): (&SpringPoint, &SpringStiffness)| {
+        let least = dofs
+            .unknown(p.node)
+            .map_or(0.0, |unknown| pattern.diagonal(unknown as usize, values).symmetric_eigenvalues().min().max(0.0));
+        let lowest = s.bend.symmetric_eigenvalues().min();
+        let share = if lowest < 0.0 { (BEND_SHARE * least / -lowest).min(1.0) } else { 1.0 };
+        s.stiff + s.bend * share
+    };
+    let blocks = match springs {
+        #[cfg(test)]
+        Bend::Whole(springs) => SpringBlocks(springs.iter().map(|s| s.stiff + s.bend).collect()),
+        Bend::Limited(springs) => SpringBlocks(points.iter().zip(&springs).map(limited).collect()),
+        Bend::Known(blocks) => blocks,
+    };
     if blocks.0.is_empty() {
-        return;
+        return blocks;
     }
     for (p, block) in points.iter().zip(&blocks.0) {
         if let Some(unknown) = dofs.unknown(p.node) {
@@ -313,14 +350,5 @@ pub(super) fn add_blocks(
         }
     }
     pattern.hold(dofs.partly_held(), values);
-}
-
-/// The symmetric matrix with its negative eigenvalues set to zero.
-fn positive_part(block: Matrix3<f64>) -> Matrix3<f64> {
-    let eigen = block.symmetric_eigen();
-    let mut sum = Matrix3::zeros();
-    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-        sum += vector * vector.transpose() * value.max(0.0);
-    }
-    sum
+    blocks
 }

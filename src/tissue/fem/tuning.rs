@@ -152,6 +152,11 @@ pub(super) const SPRING_STIFFNESS: f64 = 10.0;
 pub(super) const SPRINGS_PER_TASK: usize = 64;
 /// Iterations that bring a gliding node back to its distance: each squares the error, which begins below a tenth of the radius.
 pub(super) const RETRACTIONS: usize = 4;
+/// Radius over which the distance from bone is averaged for gliding, in element sizes: tissue cannot follow relief finer than its
+/// elements, such as the gaps between teeth, and Newton's method would have to climb every bump.
+pub(super) const SMOOTHING: f64 = 1.0;
+/// Share of a node's stiffness from the elements that the curvature of the body it glides on may take away in a tangent.
+pub(super) const BEND_SHARE: f64 = 0.3;
 /// Largest share to which a gliding node is tied: its hold is then a hundred times as stiff as the tissue, so that it moves by a
 /// hundredth of the slip.
 pub(super) const TIED_SHARE: f64 = 0.99;

@@ -9,7 +9,7 @@ use super::factor_origin::{FactorOrigin, numbers, vectors};
 use super::linear_solve::{LinearSolver, System, Work};
 use super::problem::Problem;
 use super::report::PhaseTimes;
-use super::springs::{SpringBlocks, add_blocks};
+use super::springs::{Bend, SpringBlocks, add_blocks};
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
 
@@ -155,11 +155,11 @@ impl Workspace {
         problem: &Problem,
         x: &[Vector],
         curvature: Curvature,
-        springs: SpringBlocks,
+        springs: Bend,
     ) -> Result<(), Inversion> {
         let done = self.element_tangent(problem, x, curvature);
         let points = problem.spring_points();
-        add_blocks(problem.dofs(), problem.pattern(), points, &springs, &mut self.elastic);
+        let springs = add_blocks(problem.dofs(), problem.pattern(), points, springs, &mut self.elastic);
         if let Some(assembled) = &mut self.assembled {
             assembled.springs = springs;
         }
@@ -287,7 +287,7 @@ impl Workspace {
                 if springs.len() != problem.spring_points().len() {
                     return None;
                 }
-                self.tangent(problem, &vectors(x), curvature, SpringBlocks::of_numbers(springs)).ok()?;
+                self.tangent(problem, &vectors(x), curvature, Bend::Known(SpringBlocks::of_numbers(springs))).ok()?;
                 self.solver.refresh();
                 self.prepare(problem);
                 if !self.solver.is_usable() {

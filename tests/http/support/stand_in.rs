@@ -211,7 +211,8 @@ impl Engine for StandIn {
         let near =
             |(protected, p): (usize, &Protected)| Clearance { cut: 0, protected, distance_mm: 1.5, place: p.points[0] };
         let clearances = cuts.protected.iter().enumerate().map(near).collect();
-        let osteotomy = Osteotomy { cuts: all, segments, bone_mm3: 280_000.0, dropped_mm3: 0.0, warnings: Vec::new() };
+        let osteotomy =
+            Osteotomy { cuts: all, segments, bone_mm3: 280_000.0, dropped_mm3: 0.0, warnings: Vec::new(), arch: None };
         Ok((osteotomy, clearances))
     }
 

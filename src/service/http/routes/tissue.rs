@@ -23,7 +23,7 @@ use prosopon_store::{PartKind, SessionId};
 /// upload. Solves of the session use this mesh, and the service meshes nothing.
 ///
 /// The cell array `tissue` is required: 0 skin, 1 muscle, 2 fat, 3 mucosa. The point arrays are optional: `attachment` (-1
-/// free, 0 skull, k segment k, -2 sliding), `fixed_mask` (axes along which a point is held: bits x 1, y 2, z 4),
+/// free, 0 skull, k segment k, -2 sliding, -3 - k gliding on segment k), `fixed_mask` (axes along which a point is held: bits x 1, y 2, z 4),
 /// `prescribed_mm` (displacement along these axes, three components, mm), `force_n` (dead load, N).
 #[utoipa::path(put, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path)),
     request_body(content((Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"))),

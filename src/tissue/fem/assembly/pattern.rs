@@ -93,13 +93,15 @@ impl Pattern {
         }
     }
 
+    /// The diagonal block of column `column`.
+    pub(in crate::fem) fn diagonal(&self, column: usize, values: &[f64]) -> Matrix3<f64> {
+        let (begin, stride) = (self.value_start(column), 3 * self.rows(column).len());
+        Matrix3::from_fn(|r, c| values[begin + stride * c + r])
+    }
+
     /// Inverses of the diagonal blocks; `None` when one is not positive definite.
     pub(in crate::fem) fn inverse_diagonal(&self, values: &[f64]) -> Option<Vec<Matrix3<f64>>> {
-        let block = |column: usize| {
-            let (begin, stride) = (self.value_start(column), 3 * self.rows(column).len());
-            let block = Matrix3::from_fn(|r, c| values[begin + stride * c + r]);
-            block.cholesky().map(|factor| factor.inverse())
-        };
+        let block = |column: usize| self.diagonal(column, values).cholesky().map(|factor| factor.inverse());
         (0..self.n_columns()).map(block).collect()
     }
 

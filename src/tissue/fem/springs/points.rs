@@ -1,11 +1,12 @@
 //! Nodes with springs, and the springs' constants at rest.
 
+use super::smooth::Smooth;
 use crate::fem::contact::Overlap;
 use crate::fem::error::SolveError;
 use crate::fem::settings::{Boundary, ContactBody};
-use crate::fem::tuning::TIED_SHARE;
+use crate::fem::tuning::{SMOOTHING, TIED_SHARE};
 use crate::mesh::{Attachment, MixedMesh};
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Implicit, Point, Vector};
 
 /// A node with a spring.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,6 +29,8 @@ pub(in crate::fem) struct HeldNormal {
     pub(in crate::fem) area_mm2: f64,
     /// From the node to the place where the distance is evaluated, in the body's frame, mm; see [`Overlap`].
     pub(in crate::fem) shift: Vector,
+    /// Radius over which the distance is averaged, mm.
+    pub(in crate::fem) smooth_mm: f64,
     /// Distance there at rest, mm.
     pub(in crate::fem) rest_mm: f64,
 }
@@ -63,10 +66,12 @@ pub(in crate::fem) fn points(
                 let solid = bodies[body].solid;
                 let value = solid.value(&rest);
                 let overlap = Overlap::of(solid, &rest, value, &inward[node]);
-                let rest_mm = solid.value(&(rest + overlap.shift));
+                let smooth_mm = SMOOTHING * element_size_mm;
+                let smooth = Smooth { solid, radius_mm: smooth_mm };
+                let rest_mm = smooth.value(&(rest + overlap.shift));
                 let share = boundary.tied_share.get(node).copied().unwrap_or(0.0).clamp(0.0, TIED_SHARE);
                 let hold = area[node] * shear_mpa / element_size_mm * share / (1.0 - share);
-                let normal = HeldNormal { area_mm2: area[node], shift: overlap.shift, rest_mm };
+                let normal = HeldNormal { area_mm2: area[node], shift: overlap.shift, smooth_mm, rest_mm };
                 found.push(SpringPoint { node: node as u32, body: Some(body), rest, hold, normal: Some(normal) });
             }
             Attachment::Free | Attachment::Sliding if foundation > 0.0 => {

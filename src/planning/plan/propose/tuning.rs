@@ -88,6 +88,9 @@ pub(super) const MAX_RAMUS_MM: f64 = 60.0;
 /// Greatest depth of the jaw's angle below the occlusal plane, mm.
 pub(super) const MAX_ANGLE_DEPTH_MM: f64 = 55.0;
 
+/// Height of the lower incisors' crowns, mm: the search for the deepest point above the chin ends below them.
+pub(super) const LOWER_CROWN_MM: f64 = 8.0;
+
 // Voxels.
 
 /// Edge of a voxel, mm.

@@ -4,17 +4,17 @@ use prosopon_geometry::{Motion, Point, Vector};
 use prosopon_planning::plan::Template;
 
 /// An operation that can be applied to any head.
-pub(super) struct Operation {
-    pub(super) name: String,
-    pub(super) templates: Vec<Template>,
-    pub(super) moves: Vec<Move>,
+pub(crate) struct Operation {
+    pub(crate) name: String,
+    pub(crate) templates: Vec<Template>,
+    pub(crate) moves: Vec<Move>,
     /// Streamed steps.
-    pub(super) steps: usize,
+    pub(crate) steps: usize,
 }
 
 /// Motion of one segment.
 #[derive(Clone)]
-pub(super) struct Move {
+pub(crate) struct Move {
     /// Suggested name of the segment.
     pub(super) segment: &'static str,
     /// Translation to the patient's left, back and up (LPS), mm.
@@ -26,7 +26,7 @@ pub(super) struct Move {
 
 /// Pivot of a segment's rotation.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Pivot {
+pub(crate) enum Pivot {
     /// Centre of mass of the segment.
     Centre,
     /// Condyle on the side of the segment.
@@ -75,6 +75,17 @@ pub(super) fn all() -> Vec<Operation> {
     all.extend(both_jaws());
     all.extend(midface());
     all
+}
+
+/// The operations of `prosopon bench ratios`: those for which soft-to-hard ratios are published.
+pub(crate) fn of_ratios() -> Vec<Operation> {
+    let shift = |segment, forward: f64| vec![Move::shift(segment, [0.0, -forward, 0.0])];
+    vec![
+        operation("le_fort_1 6 forward", &[Template::LeFort1], shift(MAXILLA, 6.0)),
+        operation("bsso set-back 5", &BSSO, shift(DISTAL, -5.0)),
+        operation("bsso advance 5", &BSSO, shift(DISTAL, 5.0)),
+        operation("genioplasty 5 forward", &[Template::Genioplasty], shift("chin", 5.0)),
+    ]
 }
 
 fn operation(name: &str, templates: &[Template], moves: Vec<Move>) -> Operation {

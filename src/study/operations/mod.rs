@@ -13,7 +13,8 @@ use super::files::refuse_unwritable;
 use super::head::{Head, HeadSource};
 use super::model_case::{ModelCase, PHASES, clock, phases_s};
 use super::process;
-use catalogue::{Move, Operation, Pivot};
+use catalogue::{Move, Pivot};
+pub(super) use catalogue::{Operation, of_ratios};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Severity, Warning};
 use prosopon_planning::plan::{
@@ -124,9 +125,9 @@ impl Row {
 }
 
 /// The cut bone and the tissue around it.
-struct Scene {
-    bone: CutBone,
-    tissue: TissueModel,
+pub(super) struct Scene {
+    pub(super) bone: CutBone,
+    pub(super) tissue: TissueModel,
     prepare_s: f64,
 }
 
@@ -263,7 +264,7 @@ impl OperationStudy<'_> {
 }
 
 /// Cuts the bone and builds the mesh; the error is the reason in words.
-fn scene(head: &Head, fields: &Fields, templates: &[Template], edge_mm: f64) -> Result<Scene, String> {
+pub(super) fn scene(head: &Head, fields: &Fields, templates: &[Template], edge_mm: f64) -> Result<Scene, String> {
     let begin = Instant::now();
     let control = Control::new();
     let call = |t: &Template| TemplateCall { template: *t, landmarks: head.landmarks.clone(), kerf_mm: 0.0 };
@@ -283,7 +284,7 @@ fn scene(head: &Head, fields: &Fields, templates: &[Template], edge_mm: f64) -> 
 }
 
 /// The paths of all segments that the operation moves; the error is the reason in words.
-fn plan(bone: &CutBone, moves: &[Move], landmarks: &Landmarks) -> Result<Plan, String> {
+pub(super) fn plan(bone: &CutBone, moves: &[Move], landmarks: &Landmarks) -> Result<Plan, String> {
     let segments = &bone.osteotomy.segments;
     let path = |m: &Move| {
         let named = |s: &&Segment| s.name.as_deref() == Some(m.segment);

@@ -178,7 +178,7 @@ pub fn clinical(input: &ClinicalInput<'_>, control: &Control) -> Result<Clinical
             before: gap(&upper.rest, &lower.rest),
             after: gap(&upper.moved, &lower.moved),
         }),
-        is_mouth_sealed: margins.is_some_and(|(upper, lower)| upper.rest == lower.rest),
+        is_mouth_sealed: section.breaks.is_empty() && margins.is_some_and(|(upper, lower)| upper.rest == lower.rest),
         profile: profile(&section, input.moved),
         soft,
         hard,

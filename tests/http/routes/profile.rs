@@ -69,10 +69,11 @@ async fn an_error_map_says_what_simple_predictions_would_score() {
     let report = app.get(&format!("{job}/report")).await.ok();
     let baselines = &report["error"]["baselines"];
     let (none, bone) = (&baselines["no_prediction"], &baselines["nearest_bone"]);
-    // Each corner of the box at rest, 100 mm from its middle, is 10 mm behind the front or in front of the back of the target.
-    for (baseline, mm) in [(none, 10.0), (bone, (5.8f64.powi(2) + 1.05f64.powi(2)).sqrt())] {
-        for s in [&baseline["whole"], &baseline["regions"]["upper_lip"]] {
-            assert_eq!(s["count"], 8);
+    // The corners at the back, 100 mm from the middle, lie 10 mm behind the target at rest, and 5.8 mm behind it (1.05 mm below
+    // it, too, at the lower ones) when they follow the bone. Of the moved skin, two corners remain in the region.
+    for (baseline, whole, region) in [(none, 10.0, 10.0), (bone, 5.8f64.hypot(1.05), 5.8)] {
+        for (s, count, mm) in [(&baseline["whole"], 8, whole), (&baseline["regions"]["upper_lip"], 2, region)] {
+            assert_eq!(s["count"], count);
             assert!((s["max_mm"].as_f64().unwrap() - mm).abs() < 1e-4, "{s} {mm}");
         }
     }
@@ -90,7 +91,7 @@ async fn an_error_map_says_what_simple_predictions_would_score() {
     // At half of the path the bone has moved half as far.
     let body = json!({"prediction": {"job": id(&job), "step": 1}, "reference": reference});
     let half = app.post("/v1/compare", body).await.ok();
-    let exact = (7.9f64.powi(2) + 0.525f64.powi(2)).sqrt();
+    let exact = 7.9f64.hypot(0.525);
     let found = half["baselines"]["nearest_bone"]["whole"]["max_mm"].as_f64().unwrap();
     assert!((found - exact).abs() < 1e-4, "{found} {exact}");
     // A surface that no job moved has no baselines, and the answer says why.

@@ -7,6 +7,7 @@ use crate::error::BenchError;
 
 const WIDTH: u32 = 1000;
 const ROW_PX: u32 = 26;
+const LEGEND_PX: u32 = 30;
 /// Colours of Okabe and Ito, which colour-blind readers can distinguish; one for each head.
 const HEADS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
@@ -45,12 +46,14 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
     let values = rows.iter().filter(|r| r.published.is_some()).filter_map(|r| r.value.as_ref().ok().copied());
     let (low, high) = values.fold((-0.1f64, 1.2f64), |(low, high), v| (low.min(v - 0.05), high.max(v + 0.05)));
     let n = lines.len() as f64;
-    let root = SVGBackend::with_string(svg, (WIDTH, 150 + ROW_PX * lines.len() as u32)).into_drawing_area();
+    let height = 130 + ROW_PX * lines.len() as u32;
+    let root = SVGBackend::with_string(svg, (WIDTH, height + LEGEND_PX)).into_drawing_area();
     root.fill(&WHITE).map_err(said)?;
-    let mut chart = ChartBuilder::on(&root)
-        .caption("Soft-to-hard ratios; grey: published range", ("sans-serif", 20))
+    let (above, below) = root.split_vertically(height);
+    let mut chart = ChartBuilder::on(&above)
+        .caption("Soft-to-hard ratios; grey: published range (up: wanted)", ("sans-serif", 20))
         .margin(16)
-        .x_label_area_size(70)
+        .x_label_area_size(52)
         .y_label_area_size(330)
         .build_cartesian_2d(low..high, n..0.0)
         .map_err(said)?;
@@ -82,10 +85,9 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
     }
     let mut x = 340;
     for (h, name) in heads.iter().enumerate() {
-        let y = (150 + ROW_PX * lines.len() as u32) as i32 - 14;
         let color = HEADS.get(h % HEADS.len()).copied().unwrap_or(BLACK);
-        root.draw(&Circle::new((x, y), 4, color.filled())).map_err(said)?;
-        root.draw(&Text::new((*name).to_owned(), (x + 9, y - 7), ("sans-serif", 13))).map_err(said)?;
+        below.draw(&Circle::new((x, 10), 4, color.filled())).map_err(said)?;
+        below.draw(&Text::new((*name).to_owned(), (x + 9, 3), ("sans-serif", 13))).map_err(said)?;
         x += 40 + 7 * name.len() as i32;
     }
     root.present().map_err(said)

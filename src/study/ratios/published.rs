@@ -34,6 +34,7 @@ const fn of(operation: &'static str, measure: Measure, range: [f64; 2]) -> Publi
 /// The ranges themselves are those of issue 26. Ratios behind the word "abstract" were read in the publication's abstract; none
 /// of the printed tables was at hand.
 pub(super) const SOURCES: &[&str] = &[
+    "pronasale, up: no published number; issue 26 wants \"little\", which this study takes as at most 0.15 of the advance.",
     "Le Fort I: San Miguel Moragas, Van Cauteren, Mommaerts, A systematic review on soft-to-hard tissue ratios in orthognathic \
      surgery part I: Maxillary repositioning osteotomy, J Craniomaxillofac Surg 42 (2014) 1341-1351 (title and pages checked; \
      its tables not).",

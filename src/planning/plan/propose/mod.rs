@@ -20,7 +20,7 @@ use midline::midline;
 use profile::Profile;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector};
 use ramus::Jaw;
-use tuning::{ABOVE_SPINE_MM, LOWER_CROWN_MM};
+use tuning::{ABOVE_SPINE_MM, ALVEOLUS_MM, LOWER_CROWN_MM};
 use voxels::Voxels;
 
 /// Proposed landmarks, to be checked by a person.
@@ -149,8 +149,10 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
         let pogonion = blunt.map_or(pogonion, at);
         let below = hard.bottom([menton.y - 2.0, menton.y + 12.0], menton.z - 3.0);
         put("pogonion", Some(pogonion));
-        let edge = lower_edge.or(upper).filter(|edge| edge[1] > pogonion.z + 8.0);
-        let b_point = edge.and_then(|edge| hard.deepest([pogonion.y, pogonion.z], [edge[0], edge[1] - LOWER_CROWN_MM]));
+        // The front of the lower teeth's bone, below their crowns.
+        let edge = lower_edge.or(upper).map_or(pogonion.z + ALVEOLUS_MM[1], |edge| edge[1] - LOWER_CROWN_MM);
+        let alveolar = hard.foremost(pogonion.z + ALVEOLUS_MM[0], edge.min(pogonion.z + ALVEOLUS_MM[1]));
+        let b_point = alveolar.and_then(|a| hard.deepest([pogonion.y, pogonion.z], a));
         put("b_point", b_point.map(at));
         put("menton", Some(below.map_or(menton, at)));
         let chin = soft.summit(pogonion.z - 6.0, pogonion.z + 8.0);

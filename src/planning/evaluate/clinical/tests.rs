@@ -41,11 +41,11 @@ fn face(parted: bool) -> TriMesh {
     line.push(corner(CORNERS.len() - 1));
     let across: Vec<f64> = (0..=8).map(|k| MIDLINE - 21.0 + 5.0 * f64::from(k)).collect();
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
-    let pieces = if parted { vec![0..splits[0] + 1, splits[0]..line.len()] } else { vec![0..line.len()] };
-    for piece in pieces {
+    let pieces = if parted { vec![(0, splits[0] + 1), (splits[0], line.len())] } else { vec![(0, line.len())] };
+    for (from, to) in pieces {
         let first = positions.len();
-        let rows = piece.len();
-        for p in &line[piece] {
+        let rows = to - from;
+        for p in &line[from..to] {
             positions.extend(across.iter().map(|x| Point::new(*x, p.y, p.z)));
         }
         let node = |i: usize, j: usize| (first + i * across.len() + j) as u32;

@@ -7,8 +7,8 @@ use super::CommandResult;
 use prosopon_field::{FieldSettings, Method, MethodSettings, Tolerance};
 use prosopon_study::{
     AssumptionStudy, BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource,
-    ModelCase, ModelStudy, OperationStudy, ProposalStudy, ReachStudy, ServiceStudy, SlabCase, SolverGrowthStudy,
-    StabilityStudy, TruthStudy, WarmStartStudy, evaluate, run_model_cases, run_slab_case,
+    ModelCase, ModelStudy, OperationStudy, ProposalStudy, RatioStudy, ReachStudy, ServiceStudy, SlabCase,
+    SolverGrowthStudy, StabilityStudy, TruthStudy, WarmStartStudy, evaluate, run_model_cases, run_slab_case,
 };
 
 /// Studies of `prosopon bench`.
@@ -28,6 +28,8 @@ pub(super) enum BenchCommand {
     Operations(OperationArguments),
     /// How far the face moves when one modelling choice at a time is changed; a tornado chart.
     Assumptions(AssumptionArguments),
+    /// Soft-to-hard ratios of four operations on several heads, beside published ranges.
+    Ratios(RatioArguments),
     /// Distances of proposed landmarks from known ones.
     Proposals(ProposalArguments),
     /// Time saved and error made by leaving out tissue that a plan hardly moves.
@@ -253,6 +255,25 @@ pub(super) struct AssumptionArguments {
 }
 
 #[derive(Debug, Args)]
+pub(super) struct RatioArguments {
+    /// Heads as for `operations`.
+    #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
+    heads: Vec<HeadSource>,
+    /// Model as model:locking:edge, edge length in mm.
+    #[arg(long, default_value = "mixed:none:4")]
+    case: ModelCase,
+    /// Run only operations whose name contains this text.
+    #[arg(long)]
+    only: Option<String>,
+    /// Time limit of a solve, s.
+    #[arg(long, default_value_t = 180.0)]
+    limit_s: f64,
+    /// CSV file to write; the chart is written next to it.
+    #[arg(long, default_value = "ratios.csv")]
+    csv: PathBuf,
+}
+
+#[derive(Debug, Args)]
 pub(super) struct ReachArguments {
     /// `phantom`, or a folder as for `models`.
     #[arg(long)]
@@ -387,6 +408,10 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
         BenchCommand::Assumptions(a) => {
             let (operations, only) = (a.operations.as_slice(), a.only.as_slice());
             AssumptionStudy { heads: &a.heads, operations, only, limit_s: a.limit_s, csv: &a.csv }.run(out)?;
+        }
+        BenchCommand::Ratios(a) => {
+            let (only, limit_s) = (a.only.as_deref(), a.limit_s);
+            RatioStudy { heads: &a.heads, case: &a.case, only, limit_s, csv: &a.csv }.run(out)?;
         }
         BenchCommand::Stability(a) => {
             if !(StabilityStudy { csv: &a.csv, only: a.only.as_deref() }.run(out)?) {

@@ -21,6 +21,9 @@ pub(super) struct CompareArguments {
     prediction: PathBuf,
     /// Reference surface in the same formats.
     reference: PathBuf,
+    /// Skin at rest, with the vertices of the prediction: error.json then says what no prediction would score.
+    #[arg(long)]
+    rest: Option<PathBuf>,
     /// Align the prediction rigidly with the reference first, on all vertices (ignoring the worst pairs) or on --unaltered.
     #[arg(long)]
     register: bool,
@@ -52,12 +55,17 @@ enum MaskFile {
 
 pub(super) fn run(a: &CompareArguments) -> CommandResult {
     let mut stderr = std::io::stderr();
-    let read = [Some(&a.prediction), Some(&a.reference), a.mask.as_ref(), a.unaltered.as_ref(), a.exclude.as_ref()];
-    let read: Vec<PathBuf> = read.into_iter().flatten().cloned().collect();
+    let files = [Some(&a.prediction), Some(&a.reference), a.rest.as_ref()];
+    let masks = [a.mask.as_ref(), a.unaltered.as_ref(), a.exclude.as_ref()];
+    let read: Vec<PathBuf> = files.into_iter().chain(masks).flatten().cloned().collect();
     for name in ["error.json", "error.png", "error.ply", "error.vtp"] {
         refuse_overwriting(&a.out.join(name), &read)?;
     }
     let (prediction, reference) = (load(&a.prediction, &mut stderr)?, load(&a.reference, &mut stderr)?);
+    let rest = a.rest.as_deref().map(|path| load(path, &mut stderr)).transpose()?;
+    if rest.as_ref().is_some_and(|rest| rest.triangles() != prediction.triangles()) {
+        return Err("--rest: the file has other triangles than the prediction".into());
+    }
     let mask = a.mask.as_deref().map(mask_of).transpose()?.unwrap_or_default();
     let region = a.unaltered.as_deref().map(mask_of).transpose()?.unwrap_or_default();
     let exclude = a.exclude.as_deref().map(mask_of).transpose()?.unwrap_or_default();
@@ -68,8 +76,9 @@ pub(super) fn run(a: &CompareArguments) -> CommandResult {
         prediction: Prediction {
             mesh: prediction,
             displacement_mm: None,
-            rest: None,
+            rest,
             face: a.exclude_eyes.then(|| (Vec::new(), None)),
+            bone: Err("the bone is not known: the prediction is a file".to_owned()),
         },
         reference,
         predictions: None,
@@ -85,6 +94,9 @@ pub(super) fn run(a: &CompareArguments) -> CommandResult {
     write(&a.out, &done)?;
     for (name, value) in done.document.lines() {
         writeln!(std::io::stdout(), "{name:26} {value}")?;
+    }
+    if let Some(no_prediction) = done.document.baselines.as_ref().and_then(|b| b.no_prediction.as_ref()) {
+        writeln!(std::io::stdout(), "{:26} {:.2} mm", "no prediction, absolute", no_prediction.whole.mean_abs_mm)?;
     }
     for warning in &done.document.findings.warnings {
         writeln!(stderr, "warning: {warning}")?;

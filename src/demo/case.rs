@@ -31,6 +31,7 @@ pub fn run(args: &DemoArgs, base: String) -> Result<(), DemoError> {
     let job = case.solve(&plan, &args.model, None)?;
     let report_path = format!("/v1/jobs/{job}/report");
     write(&args.out, "report.json", &client.download(&report_path)?)?;
+    write(&args.out, "profile.svg", &client.download(&format!("/v1/jobs/{job}/profile.svg"))?)?;
     let after = client.download(&format!("/v1/jobs/{job}/steps/{}/skin?format=ply", args.steps))?;
     before_after(&args.out, &before, &after)?;
     if !args.no_compare {

@@ -7,8 +7,9 @@ use prosopon_geometry::{TriMesh, Vector};
 use prosopon_planning::evaluate::{Layer, View, moved_along, render_panels};
 
 /// Names of the results other than the steps.
-const RESULTS: [&str; 6] = [
+const RESULTS: [&str; 7] = [
     "report.json",
+    "profile.svg",
     "error.json",
     "error.png",
     "before_after.png",

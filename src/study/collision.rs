@@ -83,7 +83,7 @@ impl CollisionStudy<'_> {
         let landmarks: Landmarks = serde_json::from_slice(&read(self.landmarks)?)
             .map_err(|e| BenchError::Landmarks { path: self.landmarks.to_owned(), detail: e.to_string() })?;
         let (skin, skull) = (read_surface(self.skin)?, read_surface(self.skull)?);
-        let anatomy = Anatomy { skin, skull, air: None, soft_tissue: None, landmarks: Vec::new() };
+        let anatomy = Anatomy { skin, skull, air: None, soft_tissue: None, landmarks: Vec::new(), midline_x_mm: None };
         let (control, settings) = (Control::new(), FieldsSettings::default());
         let fields = build_fields(&anatomy, &settings, &control)?;
         let plane = &landmarks.le_fort_1_plane;

@@ -131,7 +131,8 @@ impl Head {
             occlusal_z_mm: Some(marks.occlusal_plane_z_mm * build.stretch().z),
             le_fort_1_plane: Some((stretched(&marks.le_fort_1_plane.0), marks.le_fort_1_plane.1)),
         };
-        let anatomy = Anatomy { skin, skull, air: None, soft_tissue: None, landmarks: marks.points };
+        let midline_x_mm = landmarks.midline_x_mm;
+        let anatomy = Anatomy { skin, skull, air: None, soft_tissue: None, landmarks: marks.points, midline_x_mm };
         Ok(Self { anatomy, landmarks })
     }
 
@@ -149,13 +150,14 @@ impl Head {
             |start: &str| find(&|n| n.starts_with(start) && [".stl", ".ply", ".obj"].iter().any(|e| n.ends_with(e)));
         let anatomy =
             match (find(&|n| n.ends_with(".nii.gz") || n.ends_with(".nii")), surface("skin"), surface("skull")) {
-                (Some(ct), _, _) => of_ct(&ct, points)?,
+                (Some(ct), _, _) => of_ct(&ct, points, landmarks.midline_x_mm)?,
                 (None, Some(skin), Some(skull)) => Anatomy {
                     skin: read_surface(&skin)?,
                     skull: read_surface(&skull)?,
                     air: None,
                     soft_tissue: None,
                     landmarks: points,
+                    midline_x_mm: landmarks.midline_x_mm,
                 },
                 _ => {
                     let detail =
@@ -196,7 +198,7 @@ impl Head {
     }
 }
 
-fn of_ct(path: &Path, landmarks: Vec<(String, Point)>) -> Result<Anatomy, BenchError> {
+fn of_ct(path: &Path, landmarks: Vec<(String, Point)>, midline_x_mm: Option<f64>) -> Result<Anatomy, BenchError> {
     let unusable = |detail: String| BenchError::Head { detail: format!("{}: {detail}", path.display()) };
     let (ct, _) = volume(&read(path)?, &Limits::default()).map_err(|e| unusable(e.to_string()))?;
     let found = from_ct(&ct, &CtSettings::default(), &Control::new()).map_err(|e| unusable(e.to_string()))?;
@@ -206,6 +208,7 @@ fn of_ct(path: &Path, landmarks: Vec<(String, Point)>) -> Result<Anatomy, BenchE
         air: found.air,
         soft_tissue: Some(found.soft_tissue),
         landmarks,
+        midline_x_mm,
     })
 }
 

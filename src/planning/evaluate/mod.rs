@@ -1,14 +1,17 @@
-//! Compares and draws surfaces: registration, signed error maps, statistics, pictures.
+//! Compares, measures and draws surfaces: registration, signed error maps, statistics, named points, pictures.
 //!
 //! Invariants: a signed error is negative where the prediction lies behind (inside) the reference; a displacement is never
 //! called an error.
 
+mod baseline;
+mod clinical;
 mod colour;
 mod distance;
 mod error;
 mod error_map;
 mod font;
 mod mask;
+mod nearest_bone;
 mod picture;
 mod plausible;
 mod png;
@@ -21,10 +24,13 @@ mod smoothing;
 mod statistics;
 mod tuning;
 
+pub use baseline::{BaselineError, baseline_error};
+pub use clinical::{BeforeAfter, Clinical, ClinicalInput, NamedPoint, NoRatio, ProfilePiece, SoftToHard, clinical};
 pub use colour::diverging;
 pub use error::{EvaluateError, RegistrationFault};
 pub use error_map::{Correspondence, ErrorMap, error_map};
 pub use mask::{Mask, MaskRegion};
+pub use nearest_bone::{MovedBone, nearest_bone_displacement};
 pub use picture::{Layer, MovedAlong, View, moved_along, render_panels};
 pub use png::rgb_png;
 pub use raster::Coloured;

@@ -75,3 +75,56 @@ pub(super) const MIN_STIFFNESS: f64 = 2e-3;
 pub(super) const MIN_PAIRS: usize = 6;
 /// Smallest ratio of eigenvalues at which the equations of one step are solved.
 pub(super) const SOLVABLE: f64 = 1e-9;
+
+// Baselines.
+
+/// Share of the nearest bone's motion that the simplest prediction gives to skin (issue 26; between the published 0.6 of the
+/// upper lip and 1.0 of the chin).
+pub(super) const BONE_SHARE: f64 = 0.7;
+
+// Profile.
+
+/// The profile line ends this far above and below the tip of the nose, and this far behind it, mm: at the forehead and where the
+/// neck begins in an adult.
+pub(super) const PROFILE_ABOVE_MM: f64 = 70.0;
+pub(super) const PROFILE_BELOW_MM: f64 = 130.0;
+pub(super) const PROFILE_BEHIND_MM: f64 = 75.0;
+/// Widest gap between two pieces of the profile, mm: a mouth opened wide.
+pub(super) const MAX_BREAK_MM: f64 = 40.0;
+/// A gap of the profile is the mouth when it begins no farther than this below the tip of the nose, mm.
+pub(super) const MOUTH_BELOW_MM: f64 = 60.0;
+/// Shifts from the midline, mm, of the planes in which the profile is looked for: beside the first one there may be a nostril,
+/// into which the line would turn.
+pub(super) const PROFILE_SHIFTS_MM: [f64; 7] = [0.0, 1.0, -1.0, 2.0, -2.0, 3.0, -3.0];
+/// A profile that ends higher than this below the tip of the nose does not reach the chin, mm.
+pub(super) const PROFILE_REACH_MM: f64 = 60.0;
+/// Points of a reported profile line are at least this far apart, mm.
+pub(super) const PROFILE_STEP_MM: f64 = 0.5;
+
+// Points on the profile. Shares are of the height from the first to the second point named, downwards, in an average adult
+// (Farkas, Anthropometry of the Head and Face, 2nd ed. 1994: pronasale, subnasale, stomion, sublabiale and pogonion lie about
+// 0, 13, 37, 55 and 74 mm below the tip of the nose), with room on both sides.
+
+/// Heights of the chin below the tip of the nose, from the fold of the lower lip to the lower border, mm.
+pub(super) const CHIN_BELOW_NOSE_MM: [f64; 2] = [50.0, 95.0];
+/// Subnasale between pronasale and pogonion.
+pub(super) const SUBNASALE_SHARES: [f64; 2] = [0.04, 0.33];
+/// Stomion between subnasale and pogonion.
+pub(super) const STOMION_SHARES: [f64; 2] = [0.18, 0.62];
+/// End of the lower lip between subnasale and pogonion.
+pub(super) const LOWER_LIP_END: f64 = 0.72;
+/// Least depth of the line between the lips behind both lips, mm; a shallower one is noise of the surface.
+pub(super) const MIN_NOTCH_MM: f64 = 0.3;
+/// A lip's margin lies no deeper than this behind the lip's foremost point, mm; farther back is the mouth.
+pub(super) const LIP_DEPTH_MM: f64 = 8.0;
+/// The lowest point of the chin lies no farther behind its foremost one than this, mm.
+pub(super) const CHIN_DEPTH_MM: f64 = 22.0;
+
+// Hard points.
+
+/// A bone point is looked for this far inside its bone, mm: landmarks lie on the surface to about 4 mm (`prosopon bench
+/// proposals`), and teeth of the other jaw may be closer than their own root.
+pub(super) const INTO_BONE_MM: f64 = 3.0;
+pub(super) const ROOTWARD_MM: f64 = 5.0;
+/// A hard point that moves by less than this has no ratio, mm: 0.1 mm of error would change it by more than 0.1.
+pub(super) const STILL_BONE_MM: f64 = 1.0;

@@ -19,6 +19,8 @@ pub struct Anatomy {
     pub soft_tissue: Option<ScalarGrid>,
     /// Named landmarks; may be empty.
     pub landmarks: Vec<(String, Point)>,
+    /// x of the midsagittal plane, mm; `None` when unknown.
+    pub midline_x_mm: Option<f64>,
 }
 
 /// Fields of the anatomy at rest.

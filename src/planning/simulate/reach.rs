@@ -254,7 +254,14 @@ mod tests {
         let head = phantom::head();
         let sampled = |solid| phantom::surface_of(solid, &head.bounds(), 3.0).unwrap();
         let (skin, skull) = (sampled(head.skin.as_ref()), sampled(head.skull.as_ref()));
-        let anatomy = Anatomy { skin, skull, air: None, soft_tissue: None, landmarks: head.landmarks.points.clone() };
+        let anatomy = Anatomy {
+            skin,
+            skull,
+            air: None,
+            soft_tissue: None,
+            landmarks: head.landmarks.points.clone(),
+            midline_x_mm: None,
+        };
         let control = Control::new();
         let mut settings = FieldsSettings::default();
         settings.field.field.spacing_mm = 2.0;

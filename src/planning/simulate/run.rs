@@ -242,7 +242,8 @@ pub fn solve_prepared(
         on_frame(frame(anatomy, &last, k, share(k), report)?, &checkpoint);
     }
     warnings.extend(steps.last().and_then(|s: &StepReport| s.bone_penetration?.warning()));
-    let FaceRegions { regions: face, from_landmarks } = face_regions(&anatomy.skin, &anatomy.landmarks, None);
+    let FaceRegions { regions: face, from_landmarks } =
+        face_regions(&anatomy.skin, &anatomy.landmarks, anatomy.midline_x_mm);
     if !from_landmarks {
         let message = "without landmarks the regions of the face are placed by proportions";
         warnings.push(Warning::check("regions-by-proportions", message).act("Add landmarks."));

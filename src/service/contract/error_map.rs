@@ -3,8 +3,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::RegistrationDocument;
 use super::warning::Findings;
+use super::{BaselinesDocument, RegistrationDocument};
 use prosopon_planning::evaluate::{ErrorMap, Statistics};
 
 /// Statistics of signed values, mm.
@@ -111,6 +111,11 @@ pub struct ErrorDocument {
     pub histogram: Vec<HistogramBin>,
     /// Registration before the comparison; absent when there was none.
     pub registration: Option<RegistrationDocument>,
+    /// What no prediction and 0.7 of the nearest bone would score on the same points.
+    ///
+    /// Absent in old records and for the steps of a job before its last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub baselines: Option<BaselinesDocument>,
     /// Warnings and notes.
     #[serde(flatten)]
     pub findings: Findings,
@@ -137,6 +142,7 @@ impl ErrorDocument {
             excluded: map.excluded,
             histogram: map.histogram.iter().map(|&(from_mm, share)| HistogramBin { from_mm, share }).collect(),
             registration: None,
+            baselines: None,
             findings: map.warnings.iter().cloned().collect(),
         }
     }
@@ -178,5 +184,23 @@ impl ErrorDocument {
             lines.push(("registration overlap", share(r.overlap)));
         }
         lines.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    }
+
+    /// Names and errors of the prediction and of the baselines that are known, for the regions and for all points that count.
+    ///
+    /// Each row has the region and, for the prediction, no prediction and 0.7 of the nearest bone, the statistics if known.
+    #[must_use]
+    pub fn beside_baselines(&self) -> Vec<(&str, [Option<&StatisticsDocument>; 3])> {
+        let Some(baselines) = &self.baselines else { return Vec::new() };
+        let both = [&baselines.no_prediction, &baselines.nearest_bone].map(Option::as_ref);
+        if both.iter().all(Option::is_none) {
+            return Vec::new();
+        }
+        let [none, bone] = both;
+        let whole = ("counted", [Some(&self.whole), none.map(|b| &b.whole), bone.map(|b| &b.whole)]);
+        let rows = self.regions.iter().map(|(name, s)| {
+            (name.as_str(), [Some(s), none.and_then(|b| b.regions.get(name)), bone.and_then(|b| b.regions.get(name))])
+        });
+        std::iter::once(whole).chain(rows).collect()
     }
 }

@@ -7,8 +7,10 @@
 //! A type that is stored or shared with jobs belongs here. A type that is only sent belongs in `src/service/http/dto`.
 
 mod attachment;
+mod baselines;
 mod bounds;
 mod check;
+mod clinical;
 mod compare;
 mod cut;
 mod error_map;
@@ -36,8 +38,12 @@ mod tissue;
 mod warning;
 
 pub use attachment::{AttachedDocument, Attachment, BeyondName, NodeClassName, PaintDocument};
+pub use baselines::{BaselineDocument, BaselinesDocument};
 pub use bounds::BoxDocument;
 pub use check::{Check, REACH_MM, short_number};
+pub use clinical::{
+    BeforeAfterDocument, ClinicalDocument, NamedPointDocument, ProfilePieceDocument, SoftToHardDocument,
+};
 pub use compare::{
     CheckedCompare, CompareRequest, RegisterOn, RegisterRequest, SessionSurface, SurfaceRef, SurfaceSource, UNMOVED_MM,
 };

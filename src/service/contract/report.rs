@@ -5,8 +5,8 @@ use utoipa::ToSchema;
 
 use super::warning::Findings;
 use super::{
-    AttachedDocument, ErrorDocument, FieldDocument, LeftOutDocument, MeshDocument, PlanDocument, RegionMotionDocument,
-    StepDocument, TissueDocument,
+    AttachedDocument, ClinicalDocument, ErrorDocument, FieldDocument, LeftOutDocument, MeshDocument, PlanDocument,
+    RegionMotionDocument, StepDocument, TissueDocument,
 };
 
 /// Computing time of each phase, s; all but `solve_s` are from when the parts were made.
@@ -83,6 +83,9 @@ pub struct ReportDocument {
     pub attached: Option<AttachedDocument>,
     /// Mean movement of the regions of the face at the end of the path.
     pub regions: BTreeMap<String, RegionMotionDocument>,
+    /// The prediction in a surgeon's terms; absent for an uploaded tissue mesh and in old records.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clinical: Option<ClinicalDocument>,
     /// Error of the last step, when there is a reference.
     pub error: Option<ErrorDocument>,
     /// Whether landmarks placed the regions of the face; otherwise the proportions of the skin did.

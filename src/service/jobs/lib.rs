@@ -45,7 +45,7 @@ pub use settings::ServiceSettings;
 pub use state::{Illegal, JobEvent, next};
 pub use status::JobStatus;
 pub use tasks::{
-    Compared, Comparison, CtScan, NamedSurface, Prediction, Predictions, StoredComparison, compare, cut_bone, face_of,
-    field_slice, make_plan, named_surface, propose_landmarks, read_comparison, read_frame, rest_of, take_ct,
-    take_surface, take_tissue,
+    BoneBelow, Compared, Comparison, CtScan, NamedSurface, Prediction, Predictions, StoredComparison, compare,
+    cut_bone, face_of, field_slice, make_plan, named_surface, propose_landmarks, read_comparison, read_frame, rest_of,
+    take_ct, take_surface, take_tissue,
 };

@@ -6,7 +6,7 @@ use prosopon_planning::simulate::{Anatomy, FieldsSettings, PathCheckpoint, RunSe
 use prosopon_tissue::fem::SolveSettings;
 
 /// A patient case: surfaces and landmarks, with the settings of their fields.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Case {
     /// Surfaces and landmarks.
     pub anatomy: Arc<Anatomy>,

@@ -4,8 +4,8 @@ use super::{Case, Run, SceneRun, TissueRequest};
 use prosopon_contract::{Cuts, Halt, Solid};
 use prosopon_field::{CheckedDistance, FieldReport};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Point, TriMesh, Vector, Warning};
-use prosopon_planning::evaluate::{ErrorMap, FaceRegion, Registration};
+use prosopon_geometry::{Motion, Point, TriMesh, Vector, Warning};
+use prosopon_planning::evaluate::{Clinical, ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{Clearance, Cut, Osteotomy, PathReport, Plan, Proposal};
 use prosopon_planning::simulate::{Frame, Outcome, PathCheckpoint};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
@@ -115,6 +115,27 @@ pub trait Engine: Debug + Send + Sync {
     /// # Errors
     /// [`Halt`].
     fn tissue_file(&self, run: &Run, nodes: &[Point], control: &Control) -> Result<Vec<u8>, Halt>;
+
+    /// The prediction in a surgeon's terms; `moved` is the skin at the end of the path.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn clinical(&self, run: &Run, moved: &TriMesh, control: &Control) -> Result<Clinical, Halt>;
+
+    /// Displacement of each vertex of `skin`, at rest, at 0.7 of the nearest bone, mm.
+    ///
+    /// `cuts` part the bone of the case into segments, of which `motions` moves some from rest.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn nearest_bone(
+        &self,
+        case: &Case,
+        cuts: &[Cut],
+        motions: &[(u32, Motion)],
+        skin: &TriMesh,
+        control: &Control,
+    ) -> Result<Option<Vec<Vector>>, Halt>;
 
     /// Regions of the face, and whether landmarks placed them.
     fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool);

@@ -260,6 +260,7 @@ impl SessionParts {
             air,
             soft_tissue,
             landmarks: landmarks.as_ref().map(LandmarksDocument::named_points).unwrap_or_default(),
+            midline_x_mm: landmarks.as_ref().and_then(|l| l.midline_x_mm),
         };
         Ok(Case {
             anatomy: Arc::new(anatomy),

@@ -5,12 +5,14 @@
 
 mod case;
 mod checkpoint_file;
+mod clinical;
 mod engine;
 mod error_sheet;
 mod inputs;
 mod keys;
 mod numerics;
 mod path_solve;
+mod profile_picture;
 mod recent;
 mod scene;
 mod surface_part;
@@ -23,4 +25,5 @@ pub use error_sheet::error_sheet;
 pub use inputs::{SessionParts, load_mesh, read_part};
 pub use keys::key_of;
 pub use numerics::Numerics;
+pub use profile_picture::profile_picture;
 pub use surface_part::{PreparedSurface, surface_part};

@@ -1,6 +1,7 @@
 use std::fmt;
 use std::sync::Arc;
 
+use super::clinical::{clinical_of, moved_bones};
 use super::keys::bone_key;
 use super::path_solve::{PathSolve, Ready, solve_path};
 use super::recent::Recent;
@@ -11,8 +12,8 @@ use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid, import_fault};
 use prosopon_field::{CheckedDistance, Envelope, ExactDistance, FieldReport, envelope};
 use prosopon_formats::import::{self, Limits};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point, TriMesh, Vector, Warning};
-use prosopon_planning::evaluate::{self, ErrorMap, FaceRegion, Registration};
+use prosopon_geometry::{Implicit, Motion, Point, TriMesh, Vector, Warning};
+use prosopon_planning::evaluate::{self, Clinical, ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{
     self, Clearance, Cut, Landmarks, Osteotomy, Path, PathReport, Plan, Proposal, TemplateCuts, TemplateError,
 };
@@ -317,6 +318,25 @@ impl Engine for Numerics {
         let tissue = self.tissue_of(&run.case, &run.tissue, control)?;
         tissue_file(&tissue.mesh, nodes)
             .ok_or_else(|| Fault::new(FaultKind::Internal, "the deformed nodes are not those of the mesh").into())
+    }
+
+    fn clinical(&self, run: &Run, moved: &TriMesh, control: &Control) -> Result<Clinical, Halt> {
+        let osteotomy = self.osteotomy_of(&run.case, &run.cuts, &control.stage(0.0, 0.5))?;
+        let motions = run.plan.motions(1.0);
+        clinical_of(&run.case, &moved_bones(&osteotomy, &motions), moved, &control.stage(0.5, 1.0))
+    }
+
+    fn nearest_bone(
+        &self,
+        case: &Case,
+        cuts: &[Cut],
+        motions: &[(u32, Motion)],
+        skin: &TriMesh,
+        control: &Control,
+    ) -> Result<Option<Vec<Vector>>, Halt> {
+        let osteotomy = self.osteotomy_of(case, cuts, &control.stage(0.0, 0.5))?;
+        let bones = moved_bones(&osteotomy, motions);
+        Ok(evaluate::nearest_bone_displacement(skin, &bones, &control.stage(0.5, 1.0))?)
     }
 
     fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool) {

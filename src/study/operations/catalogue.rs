@@ -77,6 +77,17 @@ pub(crate) fn all() -> Vec<Operation> {
     all
 }
 
+/// The operations of `prosopon bench ratios`: those for which soft-to-hard ratios are published.
+pub(crate) fn of_ratios() -> Vec<Operation> {
+    let shift = |segment, forward: f64| vec![Move::shift(segment, [0.0, -forward, 0.0])];
+    vec![
+        operation("le_fort_1 6 forward", &[Template::LeFort1], shift(MAXILLA, 6.0)),
+        operation("bsso set-back 5", &BSSO, shift(DISTAL, -5.0)),
+        operation("bsso advance 5", &BSSO, shift(DISTAL, 5.0)),
+        operation("genioplasty 5 forward", &[Template::Genioplasty], shift("chin", 5.0)),
+    ]
+}
+
 fn operation(name: &str, templates: &[Template], moves: Vec<Move>) -> Operation {
     Operation { name: name.to_owned(), templates: templates.to_vec(), moves, steps: STEPS }
 }

@@ -14,7 +14,7 @@ use super::head::{Head, HeadSource};
 use super::model_case::{ModelCase, PHASES, clock, phases_s};
 use super::process;
 use catalogue::{Move, Pivot};
-pub(super) use catalogue::{Operation, all};
+pub(super) use catalogue::{Operation, all, of_ratios};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Severity, Warning};
 use prosopon_planning::plan::{
@@ -264,7 +264,7 @@ impl OperationStudy<'_> {
 }
 
 /// Cuts the bone and builds a mesh with this edge; the error is the reason in words.
-fn scene(head: &Head, fields: &Fields, templates: &[Template], edge_mm: f64) -> Result<Scene, String> {
+pub(super) fn scene(head: &Head, fields: &Fields, templates: &[Template], edge_mm: f64) -> Result<Scene, String> {
     let mesh = MeshSettings { edge_mm, ..MeshSettings::default() };
     scene_with(head, fields, templates, &TissueSettings { mesh, ..TissueSettings::default() })
 }

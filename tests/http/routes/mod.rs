@@ -15,6 +15,7 @@ mod on_demand;
 mod osteotomies;
 mod page;
 mod plans;
+mod profile;
 mod report;
 mod report_page;
 mod results;

@@ -15,8 +15,9 @@ async fn the_report_is_one_self_contained_page() {
     let page = app.get(&format!("{job}/report?format=html")).await;
     assert_eq!(page.header("content-type"), "text/html; charset=utf-8");
     let text = String::from_utf8(page.body.to_vec()).unwrap();
-    assert_eq!(text.matches("<img").count(), 2);
+    assert_eq!(text.matches("<img").count(), 3);
     assert_eq!(text.matches("src=\"data:image/png;base64,").count(), 2);
+    assert_eq!(text.matches("src=\"data:image/svg+xml;base64,").count(), 1);
     for banned in ["<script", "http://", "https://", "<link", "url("] {
         assert!(!text.contains(banned), "{banned}");
     }

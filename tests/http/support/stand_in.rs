@@ -9,7 +9,10 @@ use prosopon_field::{CheckedDistance, FieldReport, Region, RegionKind, RegionsOf
 use prosopon_formats::import::Limits;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector, Warning};
-use prosopon_planning::evaluate::{ErrorMap, FaceRegion, Registration, Statistics};
+use prosopon_planning::evaluate::{
+    BeforeAfter, Clinical, ErrorMap, FaceRegion, NamedPoint, NoRatio, ProfilePiece, Registration, SoftToHard,
+    Statistics,
+};
 use prosopon_planning::plan::{
     BoundedPlane, Clearance, Cut, CutShape, Miss, Osteotomy, PathReport, PathSample, Plan, PlanError, Proposal,
     Protected, Segment, Template,
@@ -337,6 +340,44 @@ impl Engine for StandIn {
 
     fn tissue_file(&self, _: &Run, _: &[Point], _: &Control) -> Result<Vec<u8>, Halt> {
         Ok(b"<VTKFile/>".to_vec())
+    }
+
+    /// One soft and one hard point, of which the soft one is given where the case has it.
+    fn clinical(&self, run: &Run, moved: &TriMesh, _: &Control) -> Result<Clinical, Halt> {
+        if run.case.anatomy.landmarks.iter().any(|(name, _)| name == "nowhere") {
+            return Err(Fault::new(FaultKind::Internal, "planted").into());
+        }
+        let skin = &run.case.anatomy.skin;
+        let (rest, moved) = (skin.positions()[0], moved.positions()[0]);
+        let bone = run.plan.motions(1.0)[0].1 * rest;
+        let is_given = run.case.anatomy.landmarks.iter().any(|(name, _)| name == "subnasale");
+        let line = [[-100.0, 30.0], [-100.0, -30.0]];
+        Ok(Clinical {
+            midline_x_mm: run.case.midline_x_mm.unwrap_or(0.5),
+            soft: vec![NamedPoint { name: "subnasale", rest, moved, is_given }],
+            hard: vec![NamedPoint { name: "a_point", rest, moved: bone, is_given: false }],
+            ratios: vec![
+                SoftToHard { soft: "subnasale", hard: Some("a_point"), ratio: Ok(1.0) },
+                SoftToHard { soft: "soft_pogonion", hard: Some("pogonion"), ratio: Err(NoRatio::Still(0.2)) },
+            ],
+            profile: vec![ProfilePiece { before: line.to_vec(), after: line.map(|[y, z]| [y - 6.0, z]).to_vec() }],
+            nasolabial_deg: Some(BeforeAfter { before: 100.0, after: 92.5 }),
+            labiomental_deg: None,
+            lip_gap_mm: Some(BeforeAfter { before: 0.0, after: 0.0 }),
+            is_mouth_sealed: true,
+        })
+    }
+
+    /// All skin at 0.7 of the first motion.
+    fn nearest_bone(
+        &self,
+        _: &Case,
+        _: &[Cut],
+        motions: &[(u32, Motion)],
+        skin: &TriMesh,
+        _: &Control,
+    ) -> Result<Option<Vec<Vector>>, Halt> {
+        Ok(motions.first().map(|(_, m)| vec![m.translation.vector * 0.7; skin.positions().len()]))
     }
 
     fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool) {

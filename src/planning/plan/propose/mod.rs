@@ -20,7 +20,7 @@ use midline::midline;
 use profile::Profile;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector};
 use ramus::Jaw;
-use tuning::ABOVE_SPINE_MM;
+use tuning::{ABOVE_SPINE_MM, ALVEOLUS_MM, LOWER_CROWN_MM};
 use voxels::Voxels;
 
 /// Proposed landmarks, to be checked by a person.
@@ -74,7 +74,8 @@ impl Proposal {
 ///   the edge of the upper incisors; everything else is looked for with that plane horizontal.
 /// - Skin: `pronasale`, the foremost point of all; `subnasale`, the deepest point between it and the upper lip;
 ///   `soft_pogonion`, the foremost point of the chin; `soft_menton`, the lowest.
-/// - Bone, midline: `menton`, the lowest point of the chin; `pogonion`, its foremost; `a_point`, the deepest between `ans` and
+/// - Bone, midline: `menton`, the lowest point of the chin; `pogonion`, its foremost; `b_point`, the deepest between `pogonion`
+///   and the lower teeth; `a_point`, the deepest between `ans` and
 ///   the teeth; `nasal_bone_tip`, the lowest of the nasal bones, and `nasion`, the deepest above it; `incisor_upper`, the edge
 ///   of the upper incisors, and `incisor_lower` where they do not hide it.
 /// - Bone, sides: the ramus is the plate beside and behind the upper teeth. `lingula_*` on its medial face, three fifths from
@@ -130,7 +131,8 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
     let alveolar = hard.foremost(ans.z - 24.0, ans.z - 10.0);
     let upper = incisal_edge(&bone, midline, [ans.y, ans.z]);
     put("incisor_upper", upper.map(at));
-    put("incisor_lower", upper.and_then(|edge| lower_incisal_edge(&bone, midline, edge)).map(at));
+    let lower_edge = upper.and_then(|edge| lower_incisal_edge(&bone, midline, edge));
+    put("incisor_lower", lower_edge.map(at));
     put("a_point", alveolar.and_then(|a| hard.deepest(a, [ans.y, ans.z])).map(at));
     if let Some(nose) = soft.foremost(ans.z - 6.0, ans.z + 28.0) {
         put("pronasale", Some(at(nose)));
@@ -147,6 +149,11 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
         let pogonion = blunt.map_or(pogonion, at);
         let below = hard.bottom([menton.y - 2.0, menton.y + 12.0], menton.z - 3.0);
         put("pogonion", Some(pogonion));
+        // The front of the lower teeth's bone, below their crowns.
+        let edge = lower_edge.or(upper).map_or(pogonion.z + ALVEOLUS_MM[1], |edge| edge[1] - LOWER_CROWN_MM);
+        let alveolar = hard.foremost(pogonion.z + ALVEOLUS_MM[0], edge.min(pogonion.z + ALVEOLUS_MM[1]));
+        let b_point = alveolar.and_then(|a| hard.deepest([pogonion.y, pogonion.z], a));
+        put("b_point", b_point.map(at));
         put("menton", Some(below.map_or(menton, at)));
         let chin = soft.summit(pogonion.z - 6.0, pogonion.z + 8.0);
         put("soft_pogonion", chin.map(at));

@@ -88,6 +88,11 @@ pub(super) const MAX_RAMUS_MM: f64 = 60.0;
 /// Greatest depth of the jaw's angle below the occlusal plane, mm.
 pub(super) const MAX_ANGLE_DEPTH_MM: f64 = 55.0;
 
+/// Heights of the front of the lower teeth's bone above pogonion, mm.
+pub(super) const ALVEOLUS_MM: [f64; 2] = [14.0, 34.0];
+/// Height of the lower incisors' crowns, mm: the search for the deepest point above the chin ends below them.
+pub(super) const LOWER_CROWN_MM: f64 = 8.0;
+
 // Voxels.
 
 /// Edge of a voxel, mm.

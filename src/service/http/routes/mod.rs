@@ -24,7 +24,9 @@ mod on_demand;
 mod osteotomies;
 mod page;
 mod plans;
+mod profile;
 mod report;
+mod report_clinical;
 mod report_page;
 mod results;
 mod sessions;
@@ -76,6 +78,7 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(results::picture))
         .routes(routes!(results::tissue))
         .routes(routes!(report::report))
+        .routes(routes!(profile::profile))
         .routes(routes!(compare::compare))
         .routes(routes!(compare::comparison))
         .merge(health())

@@ -63,7 +63,14 @@ pub(super) async fn compared(
         None => (target(service, job).await?.0, "target".to_owned(), None),
     };
     let comparison = Comparison {
-        prediction: Prediction { mesh, displacement_mm: Some(frame.displacement_mm), rest: Some(rest), face },
+        prediction: Prediction {
+            mesh,
+            displacement_mm: Some(frame.displacement_mm),
+            rest: Some(rest),
+            face,
+            // Cutting the bone again may take longer than a request should.
+            bone: Err("an error map on demand does not use the bone; POST /v1/compare does".to_owned()),
+        },
         reference,
         reference_name,
         predictions,

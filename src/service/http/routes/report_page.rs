@@ -2,6 +2,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+use super::report_clinical::{beside_baselines, clinical};
 use crate::http::Problem;
 use prosopon_contract::{
     AttachedDocument, ErrorDocument, Findings, PathSample, PlanDocument, ReportDocument, SeverityName, from_json,
@@ -40,13 +41,14 @@ pub(super) fn report_page(report: &str, pictures: &[(&str, Vec<u8>)]) -> Result<
                 div class="left" {
                     @for (title, png) in others { (picture(title, png)) }
                     (warnings(&r.findings))
+                    @if let Some(measured) = &r.clinical { (clinical(measured)) }
                     (inputs(&r))
                     (notes(&r.findings))
                 }
                 div class="right" {
                     (plan(&r.plan))
                     (table("Mean movement of the skin, mm", &["region", "forward", "down", "left"], regions))
-                    @if let Some(error) = &r.error { (errors(error)) }
+                    @if let Some(error) = &r.error { (errors(error)) (beside_baselines(error)) }
                     (numerics(&r))
                 }
             }
@@ -205,7 +207,7 @@ fn mesh(r: &ReportDocument) -> Option<String> {
 }
 
 /// A table with a title; nothing without rows.
-fn table(title: &str, names: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Markup {
+pub(super) fn table(title: &str, names: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Markup {
     let mut rows = rows.into_iter().peekable();
     html! {
         @if rows.peek().is_some() {
@@ -219,7 +221,7 @@ fn table(title: &str, names: &[&str], rows: impl IntoIterator<Item = Vec<String>
 }
 
 /// Formats a length to 0.01 mm, without a negative zero.
-fn mm(value: f64) -> String {
+pub(super) fn mm(value: f64) -> String {
     let text = format!("{value:.2}");
     if text == "-0.00" { "0.00".to_owned() } else { text }
 }

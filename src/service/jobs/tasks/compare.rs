@@ -1,6 +1,9 @@
+use super::baselines::{BoneBelow, Mapped, baselines, follow_bone};
 use super::predictions::Predictions;
 use crate::Service;
-use prosopon_contract::{ErrorDocument, Fault, FaultKind, Findings, Halt, RegisterOn, RegistrationDocument};
+use prosopon_contract::{
+    BaselinesDocument, ErrorDocument, Fault, FaultKind, Findings, Halt, RegisterOn, RegistrationDocument,
+};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Warning};
 use prosopon_planning::evaluate::{Mask, MaskRegion, eyes, face_regions};
@@ -19,6 +22,8 @@ pub struct Prediction {
     ///
     /// `None` when it is not a face.
     pub face: Option<(Vec<(String, Point)>, Option<f64>)>,
+    /// The bone that moved it, or why it is not known.
+    pub bone: Result<Box<BoneBelow>, String>,
 }
 
 /// Two surfaces to compare.
@@ -71,7 +76,7 @@ impl Comparison {
     /// # Errors
     /// The numerics'; [`FaultKind::InvalidRequest`] for a mask whose length is not the number of vertices.
     pub fn run(self, engine: &dyn Engine, control: &Control) -> Result<Compared, Halt> {
-        let Prediction { mesh, displacement_mm, rest, face } = self.prediction;
+        let Prediction { mesh, displacement_mm, rest: at_rest, face, bone } = self.prediction;
         let mut reference = self.reference;
         let given = [
             ("/mask_vertices", &self.mask),
@@ -80,7 +85,7 @@ impl Comparison {
         for (pointer, mask) in given {
             check_length(pointer, mask, &mesh)?;
         }
-        let rest = rest.as_ref().unwrap_or(&mesh);
+        let rest = at_rest.as_ref().unwrap_or(&mesh);
         let (mut except, mut document_of, mut findings) = (self.exclude, None, Findings::default());
         match &face {
             Some((points, midline)) if self.exclude_eyes => except.extend(eyes(rest, points, *midline)),
@@ -111,8 +116,24 @@ impl Comparison {
             // The reference moves to the prediction, so that masks, parts of the face and pictures stay in the patient's frame.
             reference = reference.moved(&found.motion.inverse());
         }
-        let map = engine.error_map(&mesh, &reference, Some(&counted), &regions, &control.stage(0.5, 1.0))?;
+        let map = engine.error_map(&mesh, &reference, Some(&counted), &regions, &control.stage(0.5, 0.8))?;
         let mut document = ErrorDocument::new(self.reference_name, mask_name, &map);
+        let control = control.stage(0.8, 1.0);
+        document.baselines = Some(match (&at_rest, bone) {
+            (None, why) => BaselinesDocument {
+                missing: Some(why.err().unwrap_or_else(|| "the skin at rest is not known".to_owned())),
+                ..BaselinesDocument::default()
+            },
+            (Some(rest), bone) => {
+                let bone = match bone {
+                    Ok(below) => follow_bone(engine, &below, rest, &control)?,
+                    Err(why) => Err(why),
+                };
+                let (prediction, reference) = (&mesh, &reference);
+                let mapped = Mapped { prediction, map: &map, reference, mask: Some(&counted), regions: &regions };
+                baselines(&mapped, rest, bone, &control)?
+            }
+        });
         if self.predictions.as_ref().is_some_and(|both| !both.same_plan) {
             let text = "the two predictions follow different plans: the values do not compare the models alone";
             findings.push(Warning::check("different-plans", text).into());

@@ -1,5 +1,6 @@
 //! Short tasks within a request, computed on the threads for requests.
 
+mod baselines;
 mod bone;
 mod compare;
 mod named_surface;
@@ -10,6 +11,8 @@ mod surface;
 mod tissue;
 mod volume;
 
+pub use baselines::BoneBelow;
+pub(super) use baselines::{Mapped, baselines, follow_bone};
 pub use bone::{cut_bone, make_plan, propose_landmarks};
 pub use compare::{Compared, Comparison, Prediction, compare};
 pub(super) use named_surface::load_surface;

@@ -1,3 +1,4 @@
+use super::baselines::bone_below;
 use super::compare::Prediction;
 use super::results::{read_frame, rest_of};
 use crate::Service;
@@ -50,16 +51,19 @@ pub(crate) async fn load_surface(service: &Service, source: SurfaceSource) -> Re
             let step = step.ok_or_else(|| Fault::new(FaultKind::NotFound, format!("job {id} has no step {k}")))?;
             let rest = rest_of(service, &job).await?;
             let frame = read_frame(service, &step, &rest).await?;
-            let face = Some(face_of(&SessionParts::load(&service.store, job.session).await?)?);
+            let parts = SessionParts::load(&service.store, job.session).await?;
+            let face = Some(face_of(&parts)?);
+            let bone = bone_below(service, &job, &parts, step.t).await?;
             let (mesh, displacement_mm) = (frame.mesh(&rest)?, Some(frame.displacement_mm));
-            Ok(Prediction { mesh, displacement_mm, rest: Some(rest), face })
+            Ok(Prediction { mesh, displacement_mm, rest: Some(rest), face, bone })
         }
         SurfaceSource::Skin(session) | SurfaceSource::Skull(session) | SurfaceSource::Target(session) => {
             let kind = part_of(source);
             let parts = SessionParts::load(&service.store, session).await?;
             let mesh = load_mesh(&service.store, parts.require(kind)?).await?;
             let face = if kind == PartKind::Skull { None } else { Some(face_of(&parts)?) };
-            Ok(Prediction { mesh, displacement_mm: None, rest: None, face })
+            let bone = Err("the prediction is not a step of a solve".to_owned());
+            Ok(Prediction { mesh, displacement_mm: None, rest: None, face, bone })
         }
     }
 }

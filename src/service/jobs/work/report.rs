@@ -6,10 +6,11 @@ use serde_json::{Map, Value, json};
 use crate::requests::SolveTask;
 use crate::running::step_warning;
 use prosopon_contract::{
-    CtDocument, ErrorDocument, Fault, FieldDocument, Findings, MeshDocument, PhasesDocument, ReportDocument,
-    ReportInput, StepDocument, SurfaceDocument, WarningDocument, from_json,
+    ClinicalDocument, CtDocument, ErrorDocument, Fault, FieldDocument, Findings, MeshDocument, PhasesDocument,
+    ReportDocument, ReportInput, StepDocument, SurfaceDocument, WarningDocument, from_json,
 };
 use prosopon_geometry::Warning;
+use prosopon_planning::evaluate::Clinical;
 use prosopon_planning::simulate::Outcome;
 use prosopon_session::SessionParts;
 use prosopon_store::{JobRecord, PartKind, StepRecord, now_rfc3339};
@@ -26,6 +27,7 @@ pub(super) struct Ingredients<'a> {
     /// Computing time of the mesh, s.
     pub(super) mesh_s: f64,
     pub(super) regions_from_landmarks: bool,
+    pub(super) clinical: Option<&'a Clinical>,
     pub(super) solve_s: f64,
     pub(super) warnings: &'a [WarningDocument],
     /// Warnings from before the first step.
@@ -43,6 +45,8 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
     findings.extend(step_warnings(&steps, i.reported));
     findings.extend(error.iter().flat_map(|e| e.findings.iter().map(|w| w.about("error map"))));
     let unconfirmed_landmarks = unconfirmed(i.parts)?;
+    let midline_given = i.parts.landmarks()?.is_some_and(|landmarks| landmarks.midline_x_mm.is_some());
+    let clinical = i.clinical.map(|c| ClinicalDocument::new(c, &unconfirmed_landmarks, midline_given));
     findings.extend(unconfirmed_warning(&unconfirmed_landmarks));
     Ok(ReportDocument {
         format_version: 1,
@@ -63,6 +67,7 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         left_out: (i.outcome.left_out.nodes > 0).then(|| i.outcome.left_out.into()),
         attached: Some((&i.outcome.attached).into()),
         regions: i.outcome.regions.iter().map(|r| (r.name.to_owned(), r.into())).collect(),
+        clinical,
         error,
         regions_from_landmarks: i.regions_from_landmarks,
         unconfirmed_landmarks,

@@ -155,6 +155,7 @@ async fn report(
         left_out: None,
         attached: None,
         regions: BTreeMap::new(),
+        clinical: None,
         error: None,
         regions_from_landmarks: false,
         unconfirmed_landmarks: Vec::new(),

@@ -11,6 +11,8 @@ use super::{Context, Done, changed_meanwhile, scene};
 use crate::requests::{SolveKind, SolveTask};
 use crate::running::Phase;
 use prosopon_contract::{Halt, MeshDocument, WarningDocument, stored_cuts, to_json};
+use prosopon_geometry::Warning;
+use prosopon_planning::evaluate::Clinical;
 use prosopon_planning::simulate::Outcome;
 use prosopon_session::{Run, SessionParts, key_of};
 use prosopon_store::{PartKind, encode_mesh};
@@ -26,6 +28,7 @@ struct Solved {
     solving: Duration,
     mesh: Option<(MeshReport, f64)>,
     regions_from_landmarks: bool,
+    clinical: Option<Clinical>,
     warnings: Vec<WarningDocument>,
 }
 
@@ -87,6 +90,7 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
         outcome: &solved.outcome,
         steps: &steps,
         regions_from_landmarks: solved.regions_from_landmarks,
+        clinical: solved.clinical.as_ref(),
         solve_s: solved.solving.as_secs_f64(),
         warnings: &warnings,
         reported: &context.running.own_warnings(),
@@ -113,13 +117,24 @@ async fn compute(
             let mask = run.case.anatomy.skin.positions().iter().map(in_face).collect();
             let cancel = control.stage(0.0, 0.0);
             let watch = SolveWatch::new(engine, cancel, running, steps, beginning);
-            let mut watch = SolveWatch { reference, regions, mask, ..watch };
+            let mut watch = SolveWatch { reference, regions, mask, run: Some(&run), ..watch };
             let outcome = engine.solve(&run, &control.stage(0.0, SOLVING), &mut watch)?;
             let solving = watch.solving + watch.step_began.elapsed();
-            let (warnings, mesh) = (watch.warnings, watch.mesh);
+            let (mut warnings, mesh) = (watch.warnings, watch.mesh);
+            let clinical = match watch.last.map(|skin| engine.clinical(&run, &skin, &control.stage(SOLVING, SOLVING))) {
+                Some(Ok(clinical)) => Some(clinical),
+                Some(Err(Halt::Cancelled)) => return Err(Halt::Cancelled),
+                Some(Err(Halt::Fault(fault))) => {
+                    let message = format!("named points and the profile could not be measured: {}", fault.detail);
+                    let action = "Check the skin and the landmarks.";
+                    warnings.push(Warning::check("points-not-measured", message).act(action).into());
+                    None
+                }
+                None => None,
+            };
             let tissue =
                 tissue.then(|| engine.tissue_file(&run, &outcome.nodes, &control.stage(SOLVING, 1.0))).transpose()?;
-            Ok(Solved { outcome, tissue, solving, mesh, regions_from_landmarks, warnings })
+            Ok(Solved { outcome, tissue, solving, mesh, regions_from_landmarks, clinical, warnings })
         })
         .await
 }

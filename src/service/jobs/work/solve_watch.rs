@@ -6,12 +6,13 @@ use tokio::sync::mpsc;
 use super::compare::Reference;
 use crate::SkinFrame;
 use crate::running::{Phase, Running};
-use prosopon_contract::{ErrorDocument, Halt, StepDocument, WarningDocument};
-use prosopon_geometry::Warning;
+use crate::tasks::{BoneBelow, Mapped, baselines, follow_bone};
+use prosopon_contract::{BaselinesDocument, ErrorDocument, Halt, StepDocument, WarningDocument};
 use prosopon_geometry::control::Control;
+use prosopon_geometry::{TriMesh, Warning};
 use prosopon_planning::evaluate::FaceRegion;
 use prosopon_planning::simulate::{Frame, PathCheckpoint};
-use prosopon_session::{Engine, RunWatch, StoredCheckpoint};
+use prosopon_session::{Engine, Run, RunWatch, StoredCheckpoint};
 use prosopon_tissue::mesh::MeshReport;
 
 /// Shortest time between two checkpoints.
@@ -50,6 +51,10 @@ pub(super) struct SolveWatch<'a> {
     pub(super) reference: Option<Reference>,
     pub(super) regions: Vec<FaceRegion>,
     pub(super) mask: Vec<bool>,
+    /// Inputs of the solve; `None` for an uploaded tissue mesh.
+    pub(super) run: Option<&'a Run>,
+    /// Skin of the last step.
+    pub(super) last: Option<TriMesh>,
     pub(super) warnings: Vec<WarningDocument>,
     /// Report of the tissue mesh, and its computing time, s.
     pub(super) mesh: Option<(MeshReport, f64)>,
@@ -86,6 +91,8 @@ impl<'a> SolveWatch<'a> {
             reference: None,
             regions: Vec::new(),
             mask: Vec::new(),
+            run: None,
+            last: None,
             warnings,
             mesh: None,
             after,
@@ -112,7 +119,16 @@ impl<'a> SolveWatch<'a> {
         match map {
             Ok(map) => {
                 let models = self.reference.as_ref().and_then(Reference::models);
-                Some((ErrorDocument { models, ..ErrorDocument::new(name, "face", &map) }, map.signed_mm))
+                let mapped = Mapped {
+                    prediction: &frame.skin,
+                    map: &map,
+                    reference,
+                    mask: Some(&self.mask),
+                    regions: &self.regions,
+                };
+                let baselines = self.baselines(frame.t, &mapped);
+                let document = ErrorDocument { models, baselines, ..ErrorDocument::new(name, "face", &map) };
+                Some((document, map.signed_mm))
             }
             // The solver sees the cancellation at its next check.
             Err(Halt::Cancelled) => None,
@@ -122,6 +138,18 @@ impl<'a> SolveWatch<'a> {
                 None
             }
         }
+    }
+}
+
+impl SolveWatch<'_> {
+    /// Baselines of the last step; `None` for the others, which are for display, and after a cancellation.
+    fn baselines(&self, t: f64, mapped: &Mapped<'_>) -> Option<BaselinesDocument> {
+        let run = self.run.filter(|_| t >= 1.0)?;
+        let rest = &run.case.anatomy.skin;
+        let below = BoneBelow { case: run.case.clone(), cuts: run.cuts.clone(), motions: run.plan.motions(t) };
+        // The solver sees the cancellation at its next check.
+        let bone = follow_bone(self.engine, &below, rest, &self.cancel).ok()?;
+        baselines(mapped, rest, bone, &self.cancel).ok()
     }
 }
 
@@ -150,10 +178,11 @@ impl RunWatch for SolveWatch<'_> {
         let compared = self.compare(document.k, &frame);
         let (error, error_mm) = compared.unzip();
         let positions_mm = frame.skin.positions().iter().map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
-        let frame = SkinFrame { positions_mm, displacement_mm: frame.displacement_mm, error_mm }.encode();
+        let encoded = SkinFrame { positions_mm, displacement_mm: frame.displacement_mm, error_mm }.encode();
+        self.last = Some(frame.skin);
         // Sending fails only after the writer has failed, and then the writer cancels the control.
         let checkpoint = self.checkpoint(document.t, checkpoint);
-        self.steps.blocking_send(FinishedStep { document, error, frame, checkpoint }).ok();
+        self.steps.blocking_send(FinishedStep { document, error, frame: encoded, checkpoint }).ok();
         self.step_began = Instant::now();
     }
 }

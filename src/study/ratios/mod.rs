@@ -1,0 +1,349 @@
+//! Soft-to-hard ratios of predictions beside those that patients show.
+
+mod picture;
+mod published;
+
+use std::io::Write;
+use std::path::Path;
+
+use super::error::{BenchError, write};
+use super::files::refuse_unwritable;
+use super::head::{Head, HeadSource};
+use super::model_case::{ModelCase, clock};
+use super::operations::{Operation, Scene, of_ratios, plan, scene};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Motion, TriMesh};
+use prosopon_planning::evaluate::{Clinical, ClinicalInput, MovedBone, NoRatio, clinical};
+use prosopon_planning::plan::{Proposal, propose};
+use prosopon_planning::simulate::{FieldsSettings, LEAVE_OUT_BELOW_MM, RunSettings, build_fields, solve};
+use published::{PUBLISHED, Published, SOURCES};
+
+/// Solves four operations on several heads and compares the soft-to-hard ratios with published ranges.
+#[derive(Debug)]
+pub struct RatioStudy<'a> {
+    /// The heads.
+    pub heads: &'a [HeadSource],
+    /// The model: `model:locking:edge`.
+    pub case: &'a ModelCase,
+    /// Run only operations whose name contains this text.
+    pub only: Option<&'a str>,
+    /// Time limit of a solve, s.
+    pub limit_s: f64,
+    /// CSV file to write; the chart has the same name with `.svg`.
+    pub csv: &'a Path,
+}
+
+/// What is compared with a published range.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Measure {
+    /// Soft-to-hard ratio of a soft point.
+    Ratio(&'static str),
+    /// Movement of a soft point upwards, for each mm that its hard point moves.
+    UpPerAdvance(&'static str),
+}
+
+impl Measure {
+    fn point(self) -> &'static str {
+        match self {
+            Self::Ratio(point) | Self::UpPerAdvance(point) => point,
+        }
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Ratio(point) => point.to_owned(),
+            Self::UpPerAdvance(point) => format!("{point}, up"),
+        }
+    }
+}
+
+/// A measure of one operation on one head.
+#[derive(Debug, Clone, PartialEq)]
+struct Row {
+    head: String,
+    operation: String,
+    measure: String,
+    hard: &'static str,
+    /// The value, or why there is none.
+    value: Result<f64, String>,
+    /// Movement of the soft point forward, down and to the left, mm.
+    moved_mm: [f64; 3],
+    published: Option<[f64; 2]>,
+}
+
+impl Row {
+    /// Where the value lies relative to the published range.
+    fn verdict(&self) -> &'static str {
+        match (&self.value, self.published) {
+            (Ok(v), Some([low, _])) if *v < low => "below",
+            (Ok(v), Some([_, high])) if *v > high => "above",
+            (Ok(_), Some(_)) => "within",
+            (Ok(_), None) => "",
+            (Err(_), _) => "unknown",
+        }
+    }
+}
+
+impl RatioStudy<'_> {
+    /// Runs the study, prints every ratio beside its range and writes rows and chart.
+    ///
+    /// # Errors
+    /// [`BenchError`]; an operation that is refused or fails is a row.
+    pub fn run(&self, out: &mut dyn Write) -> Result<(), BenchError> {
+        refuse_unwritable(self.csv)?;
+        let mut rows: Vec<Row> = Vec::new();
+        for source in self.heads {
+            let mut head = Head::load(source)?;
+            let proposal = propose(&head.anatomy.skin, &head.anatomy.skull);
+            proposal.fill(&mut head.landmarks);
+            let fields = build_fields(&head.anatomy, &FieldsSettings::default(), &Control::new())?;
+            for operation in of_ratios().iter().filter(|o| self.only.is_none_or(|only| o.name.contains(only))) {
+                let found = scene(&head, &fields, &operation.templates, self.case.edge_mm)
+                    .and_then(|scene| self.measured(&head, &proposal, &scene, operation));
+                let new = match found {
+                    Ok(found) => rows_of(&source.name(), operation, &found),
+                    Err(why) => vec![failed(&source.name(), operation, why)],
+                };
+                for row in &new {
+                    writeln!(out, "{}", line_of(row))?;
+                }
+                rows.extend(new);
+                write(self.csv, csv(&rows).as_bytes())?;
+            }
+        }
+        if rows.iter().any(|r| r.value.is_ok() && r.published.is_some()) {
+            write(&self.csv.with_extension("svg"), picture::of_ratios(&rows)?.as_bytes())?;
+        }
+        summary(&rows, out)
+    }
+
+    fn measured(
+        &self,
+        head: &Head,
+        proposal: &Proposal,
+        scene: &Scene,
+        operation: &Operation,
+    ) -> Result<Clinical, String> {
+        let plan = plan(&scene.bone, &operation.moves, &head.landmarks)?;
+        let settings = RunSettings {
+            solver: self.case.settings(),
+            steps: operation.steps,
+            attachment: None,
+            leave_out_below_mm: LEAVE_OUT_BELOW_MM,
+        };
+        let control = Control::new().with_clock(clock).with_deadline(clock() + self.limit_s);
+        let (anatomy, mut last): (_, Option<TriMesh>) = (&head.anatomy, None);
+        solve(anatomy, &scene.tissue, &scene.bone, &plan, &settings, &control, &mut |frame| last = Some(frame.skin))
+            .map_err(|error| error.to_string())?;
+        let moved = last.ok_or("the solve has no step")?;
+        let motions = plan.motions(1.0);
+        let motion = |id: u32| motions.iter().find(|(s, _)| *s == id).map_or_else(Motion::identity, |(_, m)| *m);
+        let segments = scene.bone.osteotomy.segments.iter();
+        let bones: Vec<_> = segments.map(|s| MovedBone { surface: &s.surface, motion: motion(s.id) }).collect();
+        let input = ClinicalInput {
+            rest: &anatomy.skin,
+            moved: &moved,
+            given: &anatomy.landmarks,
+            proposed: &proposal.points,
+            midline_x_mm: head.landmarks.midline_x_mm.unwrap_or(proposal.midline_x_mm),
+            bones: &bones,
+        };
+        clinical(&input, &Control::new()).map_err(|error| error.to_string())
+    }
+}
+
+/// One row for each ratio that exists, and for each published range.
+fn rows_of(head: &str, operation: &Operation, found: &Clinical) -> Vec<Row> {
+    let ranges: Vec<&Published> = PUBLISHED.iter().filter(|p| operation.name.contains(p.operation)).collect();
+    let mut measures: Vec<Measure> = found
+        .ratios
+        .iter()
+        .map(|r| Measure::Ratio(r.soft))
+        .filter(|m| ranges.iter().any(|p| p.measure == *m) || value(*m, found).is_ok())
+        .collect();
+    measures.extend(ranges.iter().map(|p| p.measure).filter(|m| matches!(m, Measure::UpPerAdvance(_))));
+    let row = |measure: Measure| {
+        let soft = found.soft.iter().find(|p| p.name == measure.point());
+        let moved = soft.map(|p| p.movement()).unwrap_or_default();
+        let ratio = found.ratios.iter().find(|r| r.soft == measure.point());
+        Row {
+            head: head.to_owned(),
+            operation: operation.name.clone(),
+            measure: measure.name(),
+            hard: ratio.and_then(|r| r.hard).unwrap_or(""),
+            value: value(measure, found),
+            moved_mm: [-moved.y, -moved.z, moved.x],
+            published: ranges.iter().find(|p| p.measure == measure).map(|p| p.range),
+        }
+    };
+    measures.into_iter().map(row).collect()
+}
+
+fn value(measure: Measure, found: &Clinical) -> Result<f64, String> {
+    let unknown = |why: NoRatio| match why {
+        NoRatio::NoSoftPoint => "the soft point was not found".to_owned(),
+        NoRatio::NoHardPoint => "the hard point was not found".to_owned(),
+        NoRatio::Still(mm) => format!("the hard point moves by {mm:.2} mm"),
+    };
+    let ratio = found.ratios.iter().find(|r| r.soft == measure.point()).ok_or("no such point")?;
+    match measure {
+        Measure::Ratio(_) => ratio.ratio.map_err(unknown),
+        Measure::UpPerAdvance(point) => {
+            ratio.ratio.map_err(unknown)?;
+            let of = |points: &[prosopon_planning::evaluate::NamedPoint], name: &str| {
+                points.iter().find(|p| p.name == name).map(prosopon_planning::evaluate::NamedPoint::movement)
+            };
+            let soft = of(&found.soft, point).ok_or("the soft point was not found")?;
+            let hard = ratio.hard.and_then(|h| of(&found.hard, h)).ok_or("the hard point was not found")?;
+            Ok(soft.z / hard.norm())
+        }
+    }
+}
+
+fn failed(head: &str, operation: &Operation, why: String) -> Row {
+    Row {
+        head: head.to_owned(),
+        operation: operation.name.clone(),
+        measure: String::new(),
+        hard: "",
+        value: Err(why),
+        moved_mm: [0.0; 3],
+        published: None,
+    }
+}
+
+fn line_of(r: &Row) -> String {
+    let value = match &r.value {
+        Ok(v) => format!("{v:>6.2}"),
+        Err(why) => format!("     – ({why})"),
+    };
+    let range = r.published.map_or(String::new(), |[low, high]| format!("published {low:.2} to {high:.2}"));
+    let [forward, down, left] = r.moved_mm;
+    format!(
+        "{:<14} {:<22} {:<18} {:<14} {value} {range:<24} {:<7} moved {forward:+.2} forward {down:+.2} down {left:+.2} left",
+        r.head,
+        r.operation,
+        r.measure,
+        r.hard,
+        r.verdict()
+    )
+}
+
+fn csv(rows: &[Row]) -> String {
+    let mut text = String::from(
+        "head,operation,measure,hard,ratio,published_low,published_high,verdict,forward_mm,down_mm,left_mm,detail\n",
+    );
+    for r in rows {
+        let (value, detail) = match &r.value {
+            Ok(v) => (format!("{v:.4}"), String::new()),
+            Err(why) => (String::new(), why.replace('"', "'")),
+        };
+        let [low, high] = r.published.map_or([String::new(), String::new()], |ends| ends.map(|v| v.to_string()));
+        let [forward, down, left] = r.moved_mm.map(|mm| format!("{mm:.3}"));
+        text += &format!(
+            "{},\"{}\",\"{}\",{},{value},{low},{high},{},{forward},{down},{left},\"{detail}\"\n",
+            r.head,
+            r.operation,
+            r.measure,
+            r.hard,
+            r.verdict()
+        );
+    }
+    text
+}
+
+fn summary(rows: &[Row], out: &mut dyn Write) -> Result<(), BenchError> {
+    let asked: Vec<&Row> = rows.iter().filter(|r| r.published.is_some() || r.measure.is_empty()).collect();
+    let of = |verdict: &str| asked.iter().filter(|r| r.verdict() == verdict).count();
+    writeln!(
+        out,
+        "of {} ratios with a published range {} lie within it, {} below, {} above, {} are unknown",
+        asked.len(),
+        of("within"),
+        of("below"),
+        of("above"),
+        of("unknown")
+    )?;
+    writeln!(out, "sources:")?;
+    for source in SOURCES {
+        writeln!(out, "- {source}")?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use prosopon_geometry::{Point, Vector};
+    use prosopon_planning::evaluate::{NamedPoint, SoftToHard};
+
+    fn found() -> Clinical {
+        let point = |name, moved: [f64; 3]| NamedPoint {
+            name,
+            rest: Point::origin(),
+            moved: Point::origin() + Vector::from(moved),
+            is_given: false,
+        };
+        let ratio = |soft, ratio| SoftToHard { soft, hard: Some("a_point"), ratio };
+        Clinical {
+            midline_x_mm: 0.0,
+            soft: vec![point("pronasale", [0.0, -1.5, 3.0]), point("subnasale", [0.5, -3.0, 0.0])],
+            hard: vec![point("a_point", [0.0, -6.0, 0.0])],
+            ratios: vec![
+                ratio("pronasale", Ok(0.25)),
+                ratio("subnasale", Ok(0.7)),
+                ratio("labrale_superius", Err(NoRatio::NoSoftPoint)),
+                ratio("soft_pogonion", Err(NoRatio::Still(0.1))),
+            ],
+            profile: Vec::new(),
+            nasolabial_deg: None,
+            labiomental_deg: None,
+            lip_gap_mm: None,
+            is_mouth_sealed: true,
+        }
+    }
+
+    #[test]
+    fn each_ratio_is_judged_by_its_published_range() {
+        let operations = of_ratios();
+        let advance = operations.iter().find(|o| o.name.starts_with("le_fort_1")).unwrap();
+        let rows = rows_of("head", advance, &found());
+        let verdicts: Vec<(&str, &str)> = rows.iter().map(|r| (r.measure.as_str(), r.verdict())).collect();
+        // The chin has no range in this operation and no ratio. The tip rises by half of the advance.
+        let expected = [
+            ("pronasale", "within"),
+            ("subnasale", "above"),
+            ("labrale_superius", "unknown"),
+            ("pronasale, up", "above"),
+        ];
+        assert_eq!(verdicts, expected);
+        assert_eq!((rows[3].value.clone(), rows[1].moved_mm), (Ok(0.5), [3.0, -0.0, 0.5]));
+        let text = csv(&rows);
+        assert!(
+            text.contains("head,\"le_fort_1 6 forward\",\"subnasale\",a_point,0.7000,0.4,0.6,above,3.000"),
+            "{text}"
+        );
+        let mut out = Vec::new();
+        summary(&rows, &mut out).unwrap();
+        let out = String::from_utf8(out).unwrap();
+        assert!(
+            out.starts_with("of 4 ratios with a published range 1 lie within it, 0 below, 2 above, 1 are"),
+            "{out}"
+        );
+        let svg = picture::of_ratios(&rows).unwrap();
+        for part in ["<svg", "le_fort_1 6 forward", "subnasale", "</svg>"] {
+            assert!(svg.contains(part), "{part}");
+        }
+        assert!(picture::of_ratios(&[]).is_err());
+    }
+
+    #[test]
+    fn every_published_range_belongs_to_one_operation() {
+        for p in PUBLISHED {
+            let names: Vec<String> =
+                of_ratios().into_iter().map(|o| o.name).filter(|n| n.contains(p.operation)).collect();
+            assert_eq!(names.len(), 1, "{p:?} {names:?}");
+            assert!(p.range[0] < p.range[1]);
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! Setup of the equations from mesh and settings.
 
 use super::assembly::{Assembly, Curvature, Law, Part};
-use super::contact::{Contact, NoncontactPoints, contact_nodes, noncontact_points};
+use super::contact::{Contact, NoncontactPoints, contact_nodes, facing_nodes, noncontact_points};
 use super::dofs::Dofs;
 use super::element::{self, C1Surface, ElementBlock, MeshCell};
 use super::equations::Equations;
@@ -14,7 +14,7 @@ use super::problem::{Limits, Problem};
 use super::report::PhaseTimes;
 use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
 use super::state::PathState;
-use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FORCE_FLOOR};
+use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FACING_STIFFNESS, FORCE_FLOOR};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Vector, Warning};
@@ -61,6 +61,8 @@ pub struct Prepared {
     noncontact: Arc<Vec<[u32; 3]>>,
     /// MPa/mm.
     contact_stiffness: f64,
+    /// Stiffness of contact between tissues relative to that with bone.
+    facing_factor: f64,
     limits: Limits,
     /// Numbers of nodes, tetrahedra and prisms.
     size: [usize; 3],
@@ -96,7 +98,7 @@ impl Prepared {
         let relaxes = settings.model == Model::MassTensor;
         let guarded = if touching { contact_nodes(mesh) } else { Vec::new() };
         let noncontact = if touching { noncontact_points(mesh, &guarded) } else { Vec::new() };
-        let last = if relaxes { Vec::new() } else { guarded };
+        let last = if relaxes { Vec::new() } else { last_nodes(mesh, guarded) };
         let dofs = Dofs::new(mesh, boundary, elements.surface.as_ref(), &coupled, &last)?;
         if dofs.n_unknown() == 0 {
             return Err(problem("no node is free to move: all are fixed or tied to bone".to_owned()));
@@ -122,6 +124,7 @@ impl Prepared {
             noncontact: Arc::new(noncontact),
             contact_stiffness: settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus
                 / scale.thickness_mm,
+            facing_factor: FACING_STIFFNESS / CONTACT_STIFFNESS * scale.thickness_mm / scale.element_size_mm,
             limits: limits(&settings, &scale),
             size: size(mesh),
             estimate_mb: 0.0,
@@ -209,12 +212,14 @@ impl Prepared {
             Some((symbolic, factor)) => LinearSolver::new(Arc::clone(symbolic), Arc::clone(factor), control.clock()),
             None => LinearSolver::relaxation(control.clock()),
         };
-        let (contact, overlap) = Contact::new(mesh, bodies, self.contact_stiffness);
+        let (mut contact, overlap) = Contact::new(mesh, bodies, self.contact_stiffness);
+        let facing_overlap = if mesh.facing.is_empty() { None } else { contact.add_facing(mesh, self.facing_factor) };
         let (dofs, assembly, rest) = (self.dofs.clone(), self.assembly.clone(), Arc::clone(&self.rest));
         let problem = Problem::new(dofs, assembly, rest, self.loads.clone(), self.limits, control.clock());
         let equations = Equations::new(problem, PathState::new(contact), solver);
         let mut warnings = self.warnings.clone();
         warnings.extend(overlap);
+        warnings.extend(facing_overlap);
         Ok((equations, warnings))
     }
 }
@@ -238,6 +243,16 @@ impl Elements {
             None => self.blocks.iter().collect(),
         }
     }
+}
+
+/// Nodes that are eliminated last: those of contact with bone (`guarded`) and with tissue.
+fn last_nodes(mesh: &MixedMesh, guarded: Vec<bool>) -> Vec<bool> {
+    if mesh.facing.is_empty() {
+        return guarded;
+    }
+    let mut last = facing_nodes(mesh);
+    last.iter_mut().zip(guarded).for_each(|(last, guarded)| *last |= guarded);
+    last
 }
 
 /// Warnings about mesh and materials before any motion.
@@ -404,6 +419,7 @@ fn check_mesh(mesh: &MixedMesh) -> Result<(), SolveError> {
     let named = (mesh.tetrahedra.iter().flatten())
         .chain(mesh.prisms.iter().flatten())
         .chain(mesh.bone_faces.iter().flatten())
+        .chain(mesh.facing.iter().flat_map(|f| &f.sides).flatten().flatten())
         .max();
     match named {
         Some(&node) if node as usize >= n => Err(problem(format!("a cell has node {node}, the mesh has only {n}"))),

@@ -257,7 +257,7 @@ fn minimise_condensed(
         let corner = problem.moved(solver, solver.known_compliance()?, &forces);
         let next = CondensedState { forces, corner };
         moved_mm = state.corner.iter().zip(&next.corner).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        let gap_mm = contacts.iter().map(|t| t.gap().abs()).fold(0.0, f64::max);
+        let gap_mm = contacts.iter().map(|t| t.share_of_tolerance() * t.gap().abs()).fold(0.0, f64::max);
         if moved_mm <= tolerances.move_mm || rounds >= CONDENSED_MAX_ROUNDS {
             let is_last = gap_mm <= tolerances.gap_mm
                 || updates == tolerances.multiplier_updates

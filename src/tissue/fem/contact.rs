@@ -38,7 +38,7 @@ use super::dofs::Dofs;
 use super::report::BonePenetration;
 use super::settings::ContactBody;
 use super::tuning::{
-    CONTACT_POINTS_PER_TASK, DEEP_OVERLAP_MM, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM,
+    CONTACT_POINTS_PER_TASK, DEEP_OVERLAP_MM, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM, STIFFEST_EDGE,
 };
 use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
@@ -339,7 +339,7 @@ impl<'a> Contact<'a> {
             }
             Target::Tissue { nodes, n_nodes } => {
                 let gap = contact.gap - self.facing.rest_mm(contact.index.point - self.points.len());
-                let stiffest = contact.stiffness / contact.linearised_pressure.max(f64::MIN_POSITIVE);
+                let stiffest = STIFFEST_EDGE * contact.stiffness / contact.linearised_pressure.max(f64::MIN_POSITIVE);
                 let at = |node: u32| x[node as usize];
                 CurvatureTerm::Turning(Turning::new((nodes, n_nodes), at, contact.normal, (gap, force), stiffest))
             }
@@ -535,4 +535,9 @@ impl<'a> Contact<'a> {
 /// Largest penetration, mm.
 pub(super) fn penetration(contacts: &[ContactPair]) -> f64 {
     contacts.iter().map(|t| -t.gap).fold(0.0, f64::max)
+}
+
+/// Largest penetration that the tolerance is compared with, mm: between its points, tissue on tissue may lie deeper.
+pub(super) fn tested_penetration(contacts: &[ContactPair]) -> f64 {
+    contacts.iter().map(|t| t.share_of_tolerance() * -t.gap).fold(0.0, f64::max)
 }

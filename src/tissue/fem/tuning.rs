@@ -147,13 +147,18 @@ pub(super) const OVERLAP_SEARCH_DEPTHS: f64 = 3.0;
 
 /// Penalty stiffness in units of the tissue's confined modulus over its element size. The result hardly depends on it: lips
 /// pressed to 0.01 MPa penetrate each other by a few micrometres before the multipliers take over.
-pub(super) const FACING_STIFFNESS: f64 = 50.0;
+pub(super) const FACING_STIFFNESS: f64 = 100.0;
 /// A triangle carries the square of this number of points. Fewer do not resolve the shape functions of the other side
 /// (`a_uniform_pressure_passes_through_unlike_meshes`).
 pub(super) const FACING_POINTS_PER_EDGE: usize = 4;
 /// Triangles can touch when the cosine between their normals is below this: the sides of an opened slit, seen past its end, do
 /// not.
 pub(super) const FACING_COSINE: f64 = 0.0;
+/// The corners of a triangle may lie deeper than its points by this factor
+/// (`lips_close_open_and_slide_without_overlap_and_in_balance`).
+pub(super) const DEPTH_BETWEEN_POINTS: f64 = 2.0;
+/// Largest stiffness with which an edge or corner holds a point aside, in units of the contact stiffness.
+pub(super) const STIFFEST_EDGE: f64 = 10.0;
 /// Nearer than this to an edge or corner, mm, the direction to it is rounding.
 pub(super) const COINCIDENT_MM: f64 = 1e-9;
 /// Triangles of facing tissue evaluated by one task.

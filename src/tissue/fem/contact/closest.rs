@@ -71,8 +71,8 @@ mod tests {
         let corners = [Vector::new(0.0, 0.0, 0.0), Vector::new(3.0, 0.5, 0.2), Vector::new(0.8, 2.0, -0.4)];
         let mut features = [0; 3];
         for i in 0..400 {
-            let at = |k: f64| 6.0 * (f64::from(i) * k).sin();
-            let p = Vector::new(at(1.3), at(2.9), at(0.7));
+            let at = |k: f64| 2.0 * (f64::from(i) * k).sin();
+            let p = Vector::new(1.0 + at(1.3), 1.0 + at(2.9), at(0.7));
             let found = closest(&p, &corners);
             let n = 60;
             let sampled = (0..=n).flat_map(|i| (0..=n - i).map(move |j| (i, j))).map(|(i, j)| {

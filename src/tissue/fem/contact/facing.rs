@@ -154,16 +154,13 @@ impl FacingTissue {
             let of_triangle = |t: usize| {
                 let outward = my_shape.normals[t];
                 let mut candidates = other.near(shape, &widened(bounds(&own.corners(t as u32, x)), reach));
-                candidates.retain(|c| {
-                    outward.dot(&shape.normals[*c as usize]) < FACING_COSINE
-                        && pass.skipped[t].binary_search(c).is_err()
-                });
+                candidates.retain(|c| outward.dot(&shape.normals[*c as usize]) < FACING_COSINE);
                 let first = pass.first + t * POINTS;
                 let points = if candidates.is_empty() { first..first } else { first..first + POINTS };
                 let make = &make;
                 points.filter_map(move |index| {
                     let point = &self.points[index];
-                    let nearest = other.nearest(shape, &candidates, &point.at(x), x)?;
+                    let nearest = other.nearest(shape, (&candidates, &pass.skipped[t]), &point.at(x), x)?;
                     (nearest.gap.abs() <= reach).then(|| make(index, point, &nearest)).flatten()
                 })
             };
@@ -233,14 +230,16 @@ fn sorted(triangle: &[u32; 3]) -> [u32; 3] {
 }
 
 /// Barycentric weights of a triangle's points: the centres of `n²` equal parts.
+///
+/// Corners are no points: those of sides that coincide at rest meet corners, where the direction to the nearest point is undefined.
 fn weights() -> Vec<[f64; 3]> {
     let n = FACING_POINTS_PER_EDGE;
-    let third = |i: usize, j: usize, up: f64| {
+    let inner = |i: usize, j: usize, up: f64| {
         let (u, v) = ((i as f64 + up) / n as f64, (j as f64 + up) / n as f64);
         [1.0 - u - v, u, v]
     };
     let rows = (0..n).flat_map(|i| (0..n - i).map(move |j| (i, j)));
-    let up = rows.clone().map(|(i, j)| third(i, j, 1.0 / 3.0));
-    let down = rows.filter(|(i, j)| i + j + 1 < n).map(|(i, j)| third(i, j, 2.0 / 3.0));
+    let up = rows.clone().map(|(i, j)| inner(i, j, 1.0 / 3.0));
+    let down = rows.filter(|(i, j)| i + j + 1 < n).map(|(i, j)| inner(i, j, 2.0 / 3.0));
     up.chain(down).collect()
 }

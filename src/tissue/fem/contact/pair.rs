@@ -1,6 +1,7 @@
 //! A contact point paired with a body or with a triangle of tissue.
 
 use super::turning::Turning;
+use crate::fem::tuning::DEPTH_BETWEEN_POINTS;
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
 
@@ -105,6 +106,14 @@ impl ContactPair {
     /// Signed gap, mm.
     pub(in crate::fem) fn gap(&self) -> f64 {
         self.gap
+    }
+
+    /// Factor on the gap before it is compared with the tolerance.
+    pub(in crate::fem) fn share_of_tolerance(&self) -> f64 {
+        match self.target {
+            Target::Body(_) => 1.0,
+            Target::Tissue { .. } => DEPTH_BETWEEN_POINTS,
+        }
     }
 
     /// Whether the contact is active.

@@ -102,8 +102,15 @@ impl Patch {
         touching(&ring)
     }
 
-    /// The nearest point among the triangles `candidates`; `None` when it lies on the rim, where the patch has no inside.
-    pub(super) fn nearest(&self, shape: &Shape, candidates: &[u32], p: &Vector, x: &[Vector]) -> Option<Nearest> {
+    /// The nearest point among the triangles `candidates`. `None` when the given point lies beside the rim, where the patch has no
+    /// inside, or when its nearest triangle is one of `skipped` (ascending).
+    pub(super) fn nearest(
+        &self,
+        shape: &Shape,
+        (candidates, skipped): (&[u32], &[u32]),
+        p: &Vector,
+        x: &[Vector],
+    ) -> Option<Nearest> {
         let mut best: Option<(f64, u32, Closest)> = None;
         for &t in candidates {
             let found = closest(p, &self.corners(t, x));
@@ -113,6 +120,9 @@ impl Patch {
             }
         }
         let (distance_sq, t, Closest { feature, weights, away }) = best?;
+        if skipped.binary_search(&t).is_ok() {
+            return None;
+        }
         let nodes = self.triangles[t as usize];
         let (outward, order, n_nodes) = match feature {
             Feature::Face => (shape.normals[t as usize], [0, 1, 2], 3),

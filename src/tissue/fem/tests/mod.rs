@@ -13,3 +13,4 @@ mod indented;
 mod locking;
 mod prescribed;
 mod two_blocks;
+mod two_lips;

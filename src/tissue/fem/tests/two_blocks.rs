@@ -33,6 +33,23 @@ impl Pair {
         Self { mesh, n_lower, blocks: [lower, upper] }
     }
 
+    /// A block and its mirror image on top of it.
+    pub(super) fn mirrored(lower: Slab) -> Self {
+        let top = lower.origin[2] + lower.size[2];
+        let mut pair = Self::new(lower, Slab { origin: [lower.origin[0], lower.origin[1], top], ..lower });
+        let MixedMesh { positions, tetrahedra, facing, .. } = &mut pair.mesh;
+        let (below, above) = positions.split_at_mut(pair.n_lower);
+        for (p, q) in above.iter_mut().zip(below.iter()) {
+            *p = Point::new(q.x, q.y, 2.0 * top - q.z);
+        }
+        let n = tetrahedra.len() / 2;
+        tetrahedra[n..].iter_mut().for_each(|t| t.swap(1, 2));
+        // The top of the mirrored block's numbering is its bottom.
+        facing[0].sides[1] =
+            facing[0].sides[0].iter().map(|[a, b, c]| [*a, *c, *b].map(|i| i + pair.n_lower as u32)).collect();
+        pair
+    }
+
     /// Moves nodes inside the blocks and inside their facing surfaces along these by `share` of a cell.
     pub(super) fn crook(&mut self, share: f64) {
         for (i, p) in self.mesh.positions.iter_mut().enumerate() {

@@ -455,8 +455,7 @@ impl LinearSolver {
     ) -> Outcome {
         let mut z = at.r.clone();
         self.precondition(&mut z);
-        let mut p = z.clone();
-        let mut ap = vec![0.0; x.len()];
+        let (mut p, mut ap) = (z.clone(), vec![0.0; x.len()]);
         let mut rz = dot(&at.r, &z);
         let begin = rz;
         let goal = tolerance * tolerance * *at.start.get_or_insert(begin);

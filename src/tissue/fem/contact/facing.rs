@@ -45,7 +45,7 @@ impl FacingPoint {
 struct Pass {
     own: usize,
     other: usize,
-    /// Triangles of the other patch that are neighbours of each own one at rest; empty for distinct patches.
+    /// Triangles of the same side that share a node with each own one; empty for distinct sides.
     skipped: Vec<Vec<u32>>,
     /// First of its points.
     first: usize,

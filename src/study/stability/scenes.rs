@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use super::bodies::{Floor, Plate, Table, ball, together};
+use super::lips::lips;
 use crate::error::BenchError;
 use crate::slab::{Slab, attach};
 use prosopon_field::{MethodSettings, SignedField};
@@ -132,6 +133,7 @@ pub(super) fn all() -> Result<Vec<HardScene>, BenchError> {
     scenes.extend([1e-3, 1e3, 1e6].into_iter().map(stiff_contact).collect::<Result<Vec<_>, _>>()?);
     scenes.push(thin_bone());
     scenes.extend(dirty_bones()?);
+    scenes.extend(moved_lips());
     for (name, reading) in [
         ("Poisson ratio", D1Reading::PoissonRatio),
         ("2/K in 1/MPa", D1Reading::PerMpa),
@@ -280,6 +282,24 @@ fn dirty_bones() -> Result<Vec<HardScene>, BenchError> {
         scene(name, 5.0, pushed(field, 5.0), check, CONTACT_MM)
     };
     Ok(vec![of("open bone", open), of("self-intersecting bone", crossed)])
+}
+
+/// Lips that are pressed together by 30 % of their height, opened by 10 mm, and sheared by 10 mm under half of that pressure.
+fn moved_lips() -> Vec<HardScene> {
+    let lower = Slab { cells: [8, 8, 3], size_mm: [32.0, 32.0, 12.0], skin_mm: 1.5 };
+    let pressed = -2.0 * SHORTENED * (lower.size_mm[2] + lower.skin_mm);
+    let scene_of = |name: &str, length_mm: f64, path: BonePath| {
+        scene(name, length_mm, setup(lips(&lower), path), other(|_| {}), CONTACT_MM)
+    };
+    let sheared: BonePath = Arc::new(move |t| {
+        let down = 0.5 * pressed * (2.0 * t).min(1.0);
+        vec![(1, Motion::translation(10.0 * (2.0 * t - 1.0).max(0.0), 0.0, down))]
+    });
+    vec![
+        scene_of("lips pressed together by 30 %", -pressed, up(pressed)),
+        scene_of("lips opened by 10 mm", 10.0, up(10.0)),
+        scene_of("lips sheared by 10 mm under pressure", 10.0 - 0.5 * pressed, sheared),
+    ]
 }
 
 fn published(name: &str, reading: D1Reading, unstable_material: UnstableMaterial) -> HardScene {

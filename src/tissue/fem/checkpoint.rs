@@ -34,7 +34,7 @@ pub struct Checkpoint {
     pub warned_passage: [bool; 2],
     /// Contact stiffness, MPa/mm.
     pub contact_stiffness: f64,
-    /// Non-zero multipliers by pair of contact point and body, MPa.
+    /// Non-zero multipliers by pair of contact point and body, then by point of facing tissue, MPa.
     pub multipliers: Vec<(u64, f64)>,
     /// Pairs of contact point and body whose contact is switched off.
     pub released: Vec<u64>,
@@ -138,7 +138,7 @@ impl Solver<'_> {
             let pair = usize::try_from(*pair).ok().and_then(|pair| multipliers.get_mut(pair));
             *pair.ok_or_else(|| misfit("it has a contact point that does not exist"))? = *pressure;
         }
-        let released = flags(&checkpoint.released, multipliers.len())
+        let released = flags(&checkpoint.released, self.equations.state.contact.released().len())
             .ok_or_else(|| misfit("it has a contact point that does not exist"))?;
         self.equations.state.contact.set_released(released);
         let multipliers_of_springs = checkpoint.spring_multipliers.clone();

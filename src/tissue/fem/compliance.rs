@@ -1,7 +1,8 @@
 //! Compliance of nodes under forces at nodes, computed from a factor: it adds contact to a factor without a new factorisation.
 
 use super::dot::vector_dot;
-use super::tuning::COMPLIANCE_GROUP;
+use super::node_core::NodeCore;
+use super::tuning::{COMPLIANCE_GROUP, POINT_NODES, TERMS_PER_NODE};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3};
@@ -126,13 +127,21 @@ pub(super) struct RankOne {
     pub(super) factor: f64,
 }
 
-/// Rank-one terms that a factor does not include, on nodes of its [`Compliance`] `S`: `(D⁻¹ + Vᵀ S V)⁻¹` of the Woodbury
-/// identity, with the terms' vectors `V` and factors `D`.
+/// Inner matrix of the Woodbury identity.
+#[derive(Debug)]
+enum Core {
+    /// `(D⁻¹ + Vᵀ S V)⁻¹` with the terms' vectors `V` and factors `D`.
+    Terms(Cholesky<f64, Dyn>),
+    /// The same by nodes.
+    Nodes(NodeCore),
+}
+
+/// Rank-one terms that a factor does not include, on nodes of its [`Compliance`] `S`.
 #[derive(Debug)]
 pub(super) struct LowRank {
     /// Offsets and entries, by term.
     terms: Vec<Vec<(usize, Vector)>>,
-    core: Cholesky<f64, Dyn>,
+    core: Core,
 }
 
 impl LowRank {
@@ -144,6 +153,11 @@ impl LowRank {
         }
         let placed = |t: &RankOne| t.nodes.iter().map(|(n, v)| Some((compliance.place(*n)?, *v))).collect();
         let placed: Vec<Vec<(usize, Vector)>> = terms.iter().map(placed).collect::<Option<_>>()?;
+        if terms.len() > TERMS_PER_NODE * compliance.n_nodes && terms.iter().any(|t| t.nodes.len() > POINT_NODES) {
+            let factors: Vec<f64> = terms.iter().map(|t| t.factor).collect();
+            let core = NodeCore::new((&placed, &factors), |a, b| compliance.block(a, b))?;
+            return Some(Self { terms: placed, core: Core::Nodes(core) });
+        }
         let mut core = DMatrix::zeros(terms.len(), terms.len());
         for (c, term) in placed.iter().enumerate() {
             for (place, entry) in term {
@@ -154,7 +168,7 @@ impl LowRank {
             }
             core[(c, c)] += 1.0 / terms[c].factor;
         }
-        Some(Self { terms: placed, core: core.cholesky()? })
+        Some(Self { terms: placed, core: Core::Terms(core.cholesky()?) })
     }
 
     /// Reaction of the terms at the nodes, whose displacement without the terms would be `u`.
@@ -162,9 +176,16 @@ impl LowRank {
         let along = |t: &Vec<(usize, Vector)>| -> f64 {
             t.iter().map(|(p, e)| e.x * u[*p] + e.y * u[p + 1] + e.z * u[p + 2]).sum()
         };
-        let mut loads = DVector::from_iterator(self.terms.len(), self.terms.iter().map(along));
-        self.core.solve_mut(&mut loads);
         let mut f = vec![0.0; u.len()];
+        let core = match &self.core {
+            Core::Terms(core) => core,
+            Core::Nodes(core) => {
+                core.add_reaction(u, &mut f);
+                return f;
+            }
+        };
+        let mut loads = DVector::from_iterator(self.terms.len(), self.terms.iter().map(along));
+        core.solve_mut(&mut loads);
         for (term, load) in self.terms.iter().zip(loads.iter()) {
             for (place, entry) in term {
                 for i in 0..3 {
@@ -194,6 +215,11 @@ impl LowRank {
 mod tests {
     use super::*;
 
+    fn by_nodes(placed: &[Vec<(usize, Vector)>], terms: &[RankOne], compliance: &Compliance) -> Core {
+        let factors: Vec<f64> = terms.iter().map(|t| t.factor).collect();
+        Core::Nodes(NodeCore::new((placed, &factors), |a, b| compliance.block(a, b)).unwrap())
+    }
+
     /// With `L = 2 I` the matrix with the terms is `4 I + V D Vᵀ`.
     #[test]
     fn a_corrected_factor_is_the_inverse_of_the_matrix_with_the_terms() {
@@ -216,6 +242,10 @@ mod tests {
             }
             matrix += &v * v.transpose() * t.factor;
         }
+        let as_nodes = LowRank { terms: low_rank.terms.clone(), core: by_nodes(&low_rank.terms, &terms, &compliance) };
+        let moved = [0.3, -1.0, 2.0, 0.7, 0.1, -0.4];
+        let reactions = low_rank.reaction(&moved).into_iter().zip(as_nodes.reaction(&moved));
+        assert!(reactions.into_iter().all(|(a, b)| (a - b).abs() < 1e-12), "both cores give the same");
         let b = DVector::from_fn(6, |i, _| i as f64 - 2.2);
         let mut y: Vec<f64> = b.iter().map(|b| 0.5 * b).collect();
         low_rank.apply(&compliance, &mut y);

@@ -152,12 +152,14 @@ pub(super) fn solve_condensed(
     Some(found)
 }
 
-/// Whether a point passes through bone, and not round a rim, on its path to the condensed solution.
+/// Whether a point passes through bone, and not round a rim, or through tissue on its path to the condensed solution.
 fn passes_through_bone(equations: &Equations<'_>, problem: &CondensedProblem<'_>, state: &CondensedState) -> bool {
     let at = problem.trial(equations.problem.dofs(), &state.corner);
     let start = Placement { x: problem.x, motions: problem.motions };
     let end = Placement { x: &at, motions: problem.motions };
-    equations.state.contact.passages(start, end).iter().any(|passage| !passage.round_a_rim)
+    let contact = &equations.state.contact;
+    contact.passages(start, end).iter().any(|passage| !passage.round_a_rim)
+        || contact.facing_passage(problem.x, &at).is_some()
 }
 
 /// The contacts after a change `d` of the unknowns, extrapolated back to the state before; without `curved`.
@@ -255,7 +257,7 @@ fn minimise_condensed(
         let corner = problem.moved(solver, solver.known_compliance()?, &forces);
         let next = CondensedState { forces, corner };
         moved_mm = state.corner.iter().zip(&next.corner).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        let gap_mm = contacts.iter().map(|t| t.gap().abs()).fold(0.0, f64::max);
+        let gap_mm = contacts.iter().map(|t| t.share_of_tolerance() * t.gap().abs()).fold(0.0, f64::max);
         if moved_mm <= tolerances.move_mm || rounds >= CONDENSED_MAX_ROUNDS {
             let is_last = gap_mm <= tolerances.gap_mm
                 || updates == tolerances.multiplier_updates

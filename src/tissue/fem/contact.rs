@@ -6,23 +6,37 @@
 //! A sliding vertex whose faces all have a free corner takes a third of the area of each.
 //! With gap `g` (negative inside), multiplier `p` and stiffness `k` the energy per area is `(max(0, p - k g)² - p²) / (2 k)`,
 //! which is `k g²/2` for `g < 0` when `p = 0`. The multipliers grow until the penetration is below the tolerance.
+//!
+//! Tissue that faces tissue (`MixedMesh::facing`) touches by the same law: see `contact/facing.rs`. There both bodies deform.
+//!
 //! Where the energy is convex enough, the Hessian includes the curvature of the distance. With the Gauss-Newton part `k n nᵀ`
 //! alone, points that slide slowly over an edge of bone gain a fifth in each iteration instead of digits.
 
+mod boxes;
+mod closest;
+mod facing;
 mod noncontact_points;
 mod overlap;
+mod pair;
 mod passage;
+mod patch;
 mod points;
+mod stiffness;
+mod turning;
 
+pub(super) use facing::facing_nodes;
 pub(super) use noncontact_points::{NoncontactPoints, noncontact_points};
 pub(super) use overlap::Overlap;
+pub(super) use pair::{ContactPair, PairIndex};
 pub(super) use passage::Passage;
 pub(super) use points::contact_nodes;
+pub(super) use stiffness::{Curved, PlacedBlock};
 
+use self::facing::{FacingTissue, PointLaw};
+use self::pair::{Target, Terms};
 use self::passage::{is_clear, is_round_a_rim};
 use self::points::{ContactPoint, contact_points};
-use super::axes::axes_in;
-use super::compliance::{Compliance, RankOne};
+use super::compliance::Compliance;
 use super::dofs::Dofs;
 use super::report::BonePenetration;
 use super::settings::ContactBody;
@@ -30,67 +44,8 @@ use super::tuning::{
     CONTACT_POINTS_PER_TASK, DEEP_OVERLAP_MM, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM,
 };
 use crate::mesh::MixedMesh;
-use nalgebra::Matrix3;
 use prosopon_geometry::{Motion, Point, Vector, Warning};
 use rayon::prelude::*;
-
-/// A contact point and a body, by their indices.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct PairIndex {
-    pub(super) point: usize,
-    pub(super) body: usize,
-}
-
-/// A contact point paired with a body that it touches or is near to.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct ContactPair {
-    point: usize,
-    body: usize,
-    /// Signed gap, mm, after subtraction of the overlap at rest.
-    gap: f64,
-    /// Gradient of the gap with respect to the point.
-    normal: Vector,
-    /// `p - k g`, MPa; the contact is active where this is positive.
-    pressure: f64,
-    /// Pressure at the state of linearisation, MPa.
-    linearised_pressure: f64,
-}
-
-impl ContactPair {
-    /// Indices of contact point and body.
-    pub(super) fn index(&self) -> PairIndex {
-        PairIndex { point: self.point, body: self.body }
-    }
-
-    /// Signed gap, mm.
-    pub(super) fn gap(&self) -> f64 {
-        self.gap
-    }
-
-    /// Whether the contact is active.
-    pub(super) fn is_active(&self) -> bool {
-        self.pressure > 0.0
-    }
-}
-
-/// State at which the curvature of the bodies is evaluated.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Curved<'a> {
-    /// Values of the generalised nodes.
-    pub(super) x: &'a [Vector],
-    /// Motion of each body.
-    pub(super) motions: &'a [Motion],
-    /// Share of the curvature that is included: 1 gives the exact Hessian.
-    pub(super) share: f64,
-}
-
-/// A block of a matrix at offsets into the forces of a [`Compliance`].
-#[derive(Debug, Clone, Copy)]
-pub(super) struct PlacedBlock {
-    pub(super) row: usize,
-    pub(super) column: usize,
-    pub(super) block: Matrix3<f64>,
-}
 
 /// State at the start or end of a substep.
 #[derive(Debug, Clone, Copy)]
@@ -109,11 +64,15 @@ pub(super) struct Contact<'a> {
     stiffness: f64,
     /// Overlap at rest, by point and body.
     overlap: Vec<Overlap>,
-    /// Multipliers by point and body, MPa.
+    /// Multipliers by point and body, then by point of facing tissue, MPa.
     multipliers: Vec<f64>,
     /// By point and body: whether the point has slipped round a rim of the body, or through it, so that the body no longer acts
     /// on it.
     released: Vec<bool>,
+    /// Tissue that may touch tissue.
+    facing: FacingTissue,
+    /// Stiffness of contact between tissues relative to that with bone.
+    facing_factor: f64,
 }
 
 impl std::fmt::Debug for Contact<'_> {
@@ -129,8 +88,16 @@ impl<'a> Contact<'a> {
     /// Contact points of `mesh`; `stiffness` in MPa/mm. The second value is a warning about overlap at rest.
     pub(super) fn new(mesh: &MixedMesh, bodies: Vec<ContactBody<'a>>, stiffness: f64) -> (Self, Option<Warning>) {
         let points = contact_points(mesh);
-        let mut contact =
-            Self { points, bodies, stiffness, overlap: Vec::new(), multipliers: Vec::new(), released: Vec::new() };
+        let mut contact = Self {
+            points,
+            bodies,
+            stiffness,
+            overlap: Vec::new(),
+            multipliers: Vec::new(),
+            released: Vec::new(),
+            facing: FacingTissue::default(),
+            facing_factor: 1.0,
+        };
         let rest: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
         let at_rest = |p: &ContactPoint| {
             let (at, inward) = (p.at(&rest), p.inward);
@@ -165,8 +132,37 @@ impl<'a> Contact<'a> {
         &self.bodies
     }
 
+    /// Adds the facing tissue of `mesh`; its contact is `factor` times as stiff as that with bone. Returns a warning about overlap
+    /// at rest.
+    pub(super) fn add_facing(&mut self, mesh: &MixedMesh, factor: f64) -> Option<Warning> {
+        (self.facing, self.facing_factor) = (FacingTissue::new(mesh), factor);
+        self.multipliers.resize(self.released.len() + self.facing.len(), 0.0);
+        let (overlapping, deepest) = self.facing.overlap_at_rest(REPORTED_OVERLAP_MM);
+        (overlapping > 0).then(|| {
+            let message = format!(
+                "tissue that faces tissue overlaps at rest by {REPORTED_OVERLAP_MM} to {deepest:.2} mm at {overlapping} of {} \
+                 points; their gap is measured from that position",
+                self.facing.len()
+            );
+            Warning::check("facing-overlap-at-rest", message).act("Check the two sides of the slit.")
+        })
+    }
+
     pub(super) fn is_empty(&self) -> bool {
-        self.points.is_empty() || self.bodies.is_empty()
+        (self.points.is_empty() || self.bodies.is_empty()) && self.facing.is_empty()
+    }
+
+    /// Whether tissue may touch tissue.
+    pub(super) fn has_facing(&self) -> bool {
+        !self.facing.is_empty()
+    }
+
+    /// Place of a pair in the list of multipliers.
+    fn slot(&self, index: PairIndex) -> usize {
+        match index.point.checked_sub(self.points.len()) {
+            Some(facing) => self.released.len() + facing,
+            None => index.point * self.bodies.len() + index.body,
+        }
     }
 
     /// Active contacts at `x` when body `b` has moved by `motions[b]` from rest, in the order of points.
@@ -177,9 +173,7 @@ impl<'a> Contact<'a> {
     /// Contacts that are active or whose gap is below `reach` mm, in the order of points.
     pub(super) fn near(&self, x: &[Vector], motions: &[Motion], reach: f64) -> Vec<ContactPair> {
         let n = self.bodies.len();
-        self.points
-            .par_iter()
-            .enumerate()
+        let mut found: Vec<ContactPair> = (self.points.par_iter().enumerate())
             .with_min_len(CONTACT_POINTS_PER_TASK)
             .flat_map_iter(|(point, p)| {
                 let at = p.at(x);
@@ -194,40 +188,59 @@ impl<'a> Contact<'a> {
                     let gap = value + rest_mm;
                     let pressure = self.multipliers[pair] - self.stiffness * gap;
                     let normal = motions[body].rotation * gradient;
-                    (pressure > 0.0 || gap < reach).then_some(ContactPair {
-                        point,
-                        body,
+                    (pressure > 0.0 || gap < reach).then(|| ContactPair {
+                        index: PairIndex { point, body },
+                        target: Target::Body(body),
                         gap,
                         normal,
+                        area: p.area,
+                        stiffness: self.stiffness,
                         pressure,
                         linearised_pressure: pressure,
+                        terms: p.terms().collect::<Terms>(),
                     })
                 })
             })
-            .collect()
+            .collect();
+        if self.has_facing() {
+            let law = PointLaw {
+                multipliers: &self.multipliers[self.released.len()..],
+                stiffness: self.stiffness * self.facing_factor,
+                first_index: self.points.len(),
+            };
+            found.extend(self.facing.near(x, law, reach));
+        }
+        found
     }
 
     /// Contact energy, mJ.
     pub(super) fn energy(&self, contacts: &[ContactPair]) -> f64 {
         let n = self.bodies.len();
-        let pushed: f64 = contacts.iter().map(|t| self.points[t.point].area * t.pressure * t.pressure).sum();
-        let held: f64 = (self.multipliers.iter().enumerate()).map(|(i, p)| self.points[i / n].area * p * p).sum();
-        (pushed - held) / (2.0 * self.stiffness)
+        let of_body = |t: &&ContactPair| matches!(t.target, Target::Body(_));
+        let pushed: f64 = contacts.iter().filter(of_body).map(|t| t.area * t.pressure * t.pressure).sum();
+        let (bones, facing) = self.multipliers.split_at(self.released.len());
+        let held: f64 = (bones.iter().enumerate()).map(|(i, p)| self.points[i / n].area * p * p).sum();
+        let with_bone = (pushed - held) / (2.0 * self.stiffness);
+        if !self.has_facing() {
+            return with_bone;
+        }
+        let pushed: f64 = contacts.iter().filter(|t| !of_body(t)).map(|t| t.area * t.pressure * t.pressure).sum();
+        let held: f64 = self.facing.areas().zip(facing).map(|(area, p)| area * p * p).sum();
+        with_bone + (pushed - held) / (2.0 * self.stiffness * self.facing_factor)
     }
 
     /// Adds the gradient of the contact energy, at the state of linearisation, to `forces`.
     pub(super) fn add_forces(&self, contacts: &[ContactPair], forces: &mut [Vector]) {
         for t in contacts {
-            let p = &self.points[t.point];
-            for (node, weight) in p.terms() {
-                forces[node as usize] -= t.normal * (weight * p.area * t.linearised_pressure);
+            for (node, weight) in t.terms.iter() {
+                forces[node as usize] -= t.normal * (weight * t.area * t.linearised_pressure);
             }
         }
     }
 
     /// First-order change of the gap of `contact` for a change `d` of the unknowns, mm.
-    fn gap_change(&self, contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> f64 {
-        (self.points[contact.point].terms())
+    fn gap_change(contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> f64 {
+        (contact.terms.iter())
             .filter_map(|(node, weight)| dofs.unknown(node).map(|u| (3 * u as usize, weight)))
             .map(|(i, weight)| {
                 weight * (contact.normal.x * d[i] + contact.normal.y * d[i + 1] + contact.normal.z * d[i + 2])
@@ -237,129 +250,53 @@ impl<'a> Contact<'a> {
 
     /// First-order pressure at `contact` after the unknowns have changed by `d`, MPa.
     pub(super) fn pressure_after(&self, contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> f64 {
-        contact.pressure - self.stiffness * self.gap_change(contact, dofs, d)
+        contact.pressure - contact.stiffness * Self::gap_change(contact, dofs, d)
     }
 
     /// A contact found after the unknowns have changed by `d`, extrapolated back linearly to the state before that change.
     pub(super) fn without_change(&self, contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> ContactPair {
-        let change = self.gap_change(contact, dofs, d);
-        ContactPair { gap: contact.gap - change, pressure: contact.pressure + self.stiffness * change, ..*contact }
+        let change = Self::gap_change(contact, dofs, d);
+        ContactPair { gap: contact.gap - change, pressure: contact.pressure + contact.stiffness * change, ..*contact }
     }
 
     /// Unknown nodes that the contacts act on; nodes may repeat.
     pub(super) fn unknowns_of(&self, contacts: &[ContactPair], dofs: &Dofs) -> impl Iterator<Item = u32> {
-        contacts.iter().flat_map(|t| self.points[t.point].terms()).filter_map(|(node, _)| dofs.unknown(node))
+        contacts.iter().flat_map(|t| t.terms.iter()).filter_map(|(node, _)| dofs.unknown(node))
     }
 
     /// Contact forces on the nodes of `compliance`, N; `None` when `compliance` lacks a node.
     pub(super) fn forces_at(&self, contacts: &[ContactPair], dofs: &Dofs, compliance: &Compliance) -> Option<Vec<f64>> {
         let mut forces = vec![0.0; compliance.len()];
         for t in contacts {
-            let p = &self.points[t.point];
-            for (node, weight) in p.terms() {
+            for (node, weight) in t.terms.iter() {
                 let Some(unknown) = dofs.unknown(node) else { continue };
                 let place = compliance.place(unknown)?;
                 for axis in (0..3).filter(|&axis| dofs.axes_of(node as usize) >> axis & 1 == 0) {
-                    forces[place + axis] += t.normal[axis] * (weight * p.area * t.pressure);
+                    forces[place + axis] += t.normal[axis] * (weight * t.area * t.pressure);
                 }
             }
         }
         Some(forces)
     }
 
-    /// Passes the blocks of the energy's Hessian to `add`: row and column among the unknowns (`row >= column`), and the block.
-    /// Gauss-Newton when `curved` is `None`; otherwise with the curvature of the bodies.
-    pub(super) fn hessian(
-        &self,
-        contacts: &[ContactPair],
-        curved: Option<Curved<'_>>,
-        dofs: &Dofs,
-        mut add: impl FnMut(u32, u32, &Matrix3<f64>),
-    ) {
-        for t in contacts {
-            let p = &self.points[t.point];
-            let mut block = t.normal * t.normal.transpose() * (self.stiffness * p.area);
-            if let Some(Curved { x, motions, share }) = curved {
-                block -= self.curvature_term(t, x, motions) * share;
-            }
-            for (a, wa) in p.terms() {
-                for (b, wb) in p.terms() {
-                    if let (Some(row), Some(column)) = (dofs.unknown(a), dofs.unknown(b))
-                        && row >= column
-                    {
-                        add(row, column, &(block * (wa * wb)));
-                    }
-                }
-            }
-        }
-    }
-
-    /// Curvature term of one contact, subtracted from its Hessian with respect to the point, N/mm.
-    fn curvature_term(&self, contact: &ContactPair, x: &[Vector], motions: &[Motion]) -> Matrix3<f64> {
-        let p = &self.points[contact.point];
-        let motion = &motions[contact.body];
-        let shift = self.overlap[contact.point * self.bodies.len() + contact.body].shift;
-        let curvature = self.bodies[contact.body].solid.hessian(&(motion.inverse_transform_point(&p.at(x)) + shift));
-        let r = motion.rotation.to_rotation_matrix();
-        r.matrix() * curvature * r.matrix().transpose() * (contact.linearised_pressure.max(0.0) * p.area)
-    }
-
-    /// Curvature terms of the contacts at the nodes of `compliance`: row, column and the block to subtract from the Hessian.
-    pub(super) fn curvature_blocks(
-        &self,
-        contacts: &[ContactPair],
-        Curved { x, motions, share }: Curved<'_>,
-        dofs: &Dofs,
-        compliance: &Compliance,
-    ) -> Vec<PlacedBlock> {
-        let of_contact = |t: &ContactPair| {
-            let (p, block) = (self.points[t.point], self.curvature_term(t, x, motions) * share);
-            let mut placed = Vec::with_capacity(9);
-            for (a, wa) in p.terms() {
-                for (b, wb) in p.terms() {
-                    let place = |node: u32| compliance.place(dofs.unknown(node)?);
-                    if let (Some(row), Some(column)) = (place(a), place(b)) {
-                        let mut block = block * (wa * wb);
-                        axes_in(dofs.axes_of(a as usize)).for_each(|axis| block.row_mut(axis).fill(0.0));
-                        axes_in(dofs.axes_of(b as usize)).for_each(|axis| block.column_mut(axis).fill(0.0));
-                        placed.push(PlacedBlock { row, column, block });
-                    }
-                }
-            }
-            placed
-        };
-        contacts.par_iter().with_min_len(CONTACT_POINTS_PER_TASK).flat_map_iter(of_contact).collect()
-    }
-
-    /// The Gauss-Newton part of the Hessian as rank-one terms, one for each contact.
-    pub(super) fn terms(&self, contacts: &[ContactPair], dofs: &Dofs) -> Vec<RankOne> {
-        let term = |t: &ContactPair| {
-            let p = &self.points[t.point];
-            let nodes = p.terms().filter_map(|(node, weight)| {
-                let mut entry = t.normal * weight;
-                axes_in(dofs.axes_of(node as usize)).for_each(|axis| entry[axis] = 0.0);
-                dofs.unknown(node).map(|u| (u, entry))
-            });
-            RankOne { nodes: nodes.collect(), factor: self.stiffness * p.area }
-        };
-        contacts.iter().map(term).collect()
-    }
-
     /// Force of each body on the tissue, N.
     pub(super) fn forces_by_body(&self, contacts: &[ContactPair]) -> Vec<Vector> {
         let mut forces = vec![Vector::zeros(); self.bodies.len()];
         for t in contacts {
-            forces[t.body] += t.normal * (self.points[t.point].area * t.pressure);
+            match t.target {
+                Target::Body(body) => forces[body] += t.normal * (t.area * t.pressure),
+                Target::Tissue { .. } => {}
+            }
         }
         forces
     }
 
     /// Augmented Lagrangian update: the current pressures become the multipliers.
     pub(super) fn augment(&mut self, contacts: &[ContactPair]) {
-        let n = self.bodies.len();
         self.multipliers.fill(0.0);
         for t in contacts {
-            self.multipliers[t.point * n + t.body] = t.pressure;
+            let slot = self.slot(t.index);
+            self.multipliers[slot] = t.pressure;
         }
     }
 
@@ -448,6 +385,11 @@ impl<'a> Contact<'a> {
         per_point.into_iter().fold(0.0, f64::max)
     }
 
+    /// Depth, mm, to which facing tissue has passed through its other side between two states, too deep for contact to act.
+    pub(super) fn facing_passage(&self, from: &[Vector], to: &[Vector]) -> Option<f64> {
+        if self.has_facing() { self.facing.passage(from, to) } else { None }
+    }
+
     /// Contact points that have passed to the other side of a body between two states: on a straight line in the body's frame
     /// they entered the solid, and the solid now pushes them the other way. In the order of points; one body for each point.
     pub(super) fn passages(&self, start: Placement<'_>, end: Placement<'_>) -> Vec<Passage> {
@@ -483,4 +425,9 @@ impl<'a> Contact<'a> {
 /// Largest penetration, mm.
 pub(super) fn penetration(contacts: &[ContactPair]) -> f64 {
     contacts.iter().map(|t| -t.gap).fold(0.0, f64::max)
+}
+
+/// Largest penetration that the tolerance is compared with, mm: between its points, tissue on tissue may lie deeper.
+pub(super) fn tested_penetration(contacts: &[ContactPair]) -> f64 {
+    contacts.iter().map(|t| t.share_of_tolerance() * -t.gap).fold(0.0, f64::max)
 }

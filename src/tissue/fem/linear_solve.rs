@@ -7,6 +7,7 @@
 
 use super::assembly::Pattern;
 use super::compliance::{Compliance, LowRank, RankOne};
+use super::coupling::Coupling;
 use super::dot::dot;
 use super::factor::{Factor, Indefinite, Symbolic};
 use super::tuning::{
@@ -21,6 +22,8 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct System<'a> {
     pub(super) values: &'a [f64],
+    /// Contact terms outside the pattern of `values`.
+    pub(super) coupling: &'a Coupling,
     /// Values without contact.
     pub(super) elastic: &'a [f64],
     /// The Gauss-Newton terms of contact; the curvature of contact is not among them.
@@ -322,12 +325,13 @@ impl LinearSolver {
     pub(super) fn solve(
         &mut self,
         pattern: &Pattern,
-        System { values, elastic, contact }: System<'_>,
+        system: System<'_>,
         b: &[f64],
         x: &mut [f64],
         tolerance: f64,
         norm_sq: Option<f64>,
     ) -> Result<Work, Indefinite> {
+        let System { values, elastic, contact, .. } = system;
         x.fill(0.0);
         let mut at = Iterate { r: b.to_vec(), start: norm_sq, iterations: 0 };
         let mut factorised = false;
@@ -344,7 +348,7 @@ impl LinearSolver {
                     (false, false) => MAX_WITH_OLD,
                 };
                 let begin = (self.clock)();
-                let outcome = self.iterate(pattern, values, x, &mut at, tolerance, limit);
+                let outcome = self.iterate(pattern, system, x, &mut at, tolerance, limit);
                 self.times.solve_s += (self.clock)() - begin;
                 match outcome {
                     Outcome::Solved => {
@@ -443,7 +447,7 @@ impl LinearSolver {
     fn iterate(
         &mut self,
         pattern: &Pattern,
-        values: &[f64],
+        System { values, coupling, .. }: System<'_>,
         x: &mut [f64],
         at: &mut Iterate,
         tolerance: f64,
@@ -451,8 +455,7 @@ impl LinearSolver {
     ) -> Outcome {
         let mut z = at.r.clone();
         self.precondition(&mut z);
-        let mut p = z.clone();
-        let mut ap = vec![0.0; x.len()];
+        let (mut p, mut ap) = (z.clone(), vec![0.0; x.len()]);
         let mut rz = dot(&at.r, &z);
         let begin = rz;
         let goal = tolerance * tolerance * *at.start.get_or_insert(begin);
@@ -461,6 +464,7 @@ impl LinearSolver {
         }
         for iteration in 1..=limit {
             pattern.multiply(values, &p, &mut ap);
+            coupling.add_product(&p, &mut ap);
             let curvature = dot(&p, &ap);
             at.iterations += 1;
             if !(curvature > 0.0 && rz.is_finite()) {

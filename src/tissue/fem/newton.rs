@@ -1,7 +1,7 @@
 //! Newton's method on the total potential energy at fixed positions of the bones.
 
 use super::assembly::Curvature;
-use super::contact::{ContactPair, penetration};
+use super::contact::{ContactPair, penetration, tested_penetration};
 use super::dot::dot;
 use super::equations::{Balance, Equations};
 use super::failure::Failure;
@@ -98,7 +98,7 @@ fn augmented(
     for _ in 0..=MAX_MULTIPLIER_UPDATES + MAX_PULL_OFFS {
         let found = newton(equations, x, target, aim, control)?;
         iterations += found.iterations;
-        let depth = penetration(&found.contacts);
+        let depth = tested_penetration(&found.contacts);
         let gap = equations.state.springs.largest_gap_mm(x, target.motions);
         if depth.max(gap) > limits.penetration_tolerance_mm {
             let is_slow =

@@ -81,7 +81,7 @@ pub(super) fn minimise_model(
         if round > 0 {
             let from = condensed.map_or(&[][..], |s| &s.d).iter().copied().chain(std::iter::repeat(0.0));
             let farther: Vec<f64> = d.iter().zip(from).map(|(d, from)| d - from).collect();
-            equations.problem.pattern().multiply(equations.work.values(), &farther, &mut change);
+            equations.work.multiply(&equations.problem, &farther, &mut change);
             rhs.iter_mut().zip(&change).for_each(|(r, c)| *r += c);
         }
         rhs.iter_mut().for_each(|r| *r = -*r);

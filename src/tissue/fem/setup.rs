@@ -1,7 +1,8 @@
 //! Setup of the equations from mesh and settings.
 
 use super::assembly::{Assembly, Curvature, Law, Part};
-use super::contact::{Contact, NoncontactPoints, contact_nodes, noncontact_points};
+use super::checks::{check_bodies, check_boundary, check_mesh, problem};
+use super::contact::{Contact, NoncontactPoints, contact_nodes, facing_nodes, noncontact_points};
 use super::dofs::Dofs;
 use super::element::{self, C1Surface, ElementBlock, MeshCell};
 use super::equations::Equations;
@@ -15,7 +16,7 @@ use super::report::PhaseTimes;
 use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
 use super::springs::{self, Bend, SpringPoint, SpringStiffness, Springs};
 use super::state::PathState;
-use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FORCE_FLOOR, SPRING_STIFFNESS};
+use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FACING_STIFFNESS, FORCE_FLOOR, SPRING_STIFFNESS};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Vector, Warning};
@@ -65,6 +66,8 @@ pub struct Prepared {
     noncontact: Arc<Vec<[u32; 3]>>,
     /// MPa/mm.
     contact_stiffness: f64,
+    /// Stiffness of contact between tissues relative to that with bone.
+    facing_factor: f64,
     limits: Limits,
     /// Numbers of nodes, tetrahedra and prisms.
     size: [usize; 3],
@@ -102,7 +105,7 @@ impl Prepared {
         let relaxes = settings.model == Model::MassTensor;
         let guarded = if touching { contact_nodes(mesh) } else { Vec::new() };
         let noncontact = if touching { noncontact_points(mesh, &guarded) } else { Vec::new() };
-        let last = if relaxes { Vec::new() } else { guarded };
+        let last = if relaxes { Vec::new() } else { last_nodes(mesh, guarded) };
         let dofs = Dofs::new(mesh, boundary, elements.surface.as_ref(), &coupled, &last)?;
         if dofs.n_unknown() == 0 {
             return Err(problem("no node is free to move: all are fixed or tied to bone".to_owned()));
@@ -136,6 +139,7 @@ impl Prepared {
             springs_at_rest,
             noncontact: Arc::new(noncontact),
             contact_stiffness,
+            facing_factor: FACING_STIFFNESS / CONTACT_STIFFNESS * scale.thickness_mm / scale.element_size_mm,
             limits: limits(&settings, &scale),
             size: size(mesh),
             estimate_mb: 0.0,
@@ -226,7 +230,8 @@ impl Prepared {
             Some((symbolic, factor)) => LinearSolver::new(Arc::clone(symbolic), Arc::clone(factor), control.clock()),
             None => LinearSolver::relaxation(control.clock()),
         };
-        let (contact, overlap) = Contact::new(mesh, bodies, self.contact_stiffness);
+        let (mut contact, overlap) = Contact::new(mesh, bodies, self.contact_stiffness);
+        let facing_overlap = if mesh.facing.is_empty() { None } else { contact.add_facing(mesh, self.facing_factor) };
         let (dofs, assembly, rest) = (self.dofs.clone(), self.assembly.clone(), Arc::clone(&self.rest));
         let stiffness = SPRING_STIFFNESS * self.contact_stiffness;
         let springs = Springs::new(Arc::clone(&self.springs), contact.bodies().to_vec(), stiffness)?;
@@ -235,6 +240,7 @@ impl Prepared {
         let equations = Equations::new(problem, PathState::new(contact, springs), solver);
         let mut warnings = self.warnings.clone();
         warnings.extend(overlap);
+        warnings.extend(facing_overlap);
         Ok((equations, warnings))
     }
 }
@@ -258,6 +264,16 @@ impl Elements {
             None => self.blocks.iter().collect(),
         }
     }
+}
+
+/// Nodes that are eliminated last: those of contact with bone (`guarded`) and with tissue.
+fn last_nodes(mesh: &MixedMesh, guarded: Vec<bool>) -> Vec<bool> {
+    if mesh.facing.is_empty() {
+        return guarded;
+    }
+    let mut last = facing_nodes(mesh);
+    last.iter_mut().zip(guarded).for_each(|(last, guarded)| *last |= guarded);
+    last
 }
 
 /// Warnings about mesh and materials before any motion.
@@ -403,74 +419,6 @@ impl Scale {
         let element_size_mm = (6.0 * 2.0f64.sqrt() * volume / elements).cbrt();
         let thickness_mm = if area > 0.0 { volume / area } else { element_size_mm };
         Self { volume, shear: shear / volume, modulus: modulus / volume, element_size_mm, thickness_mm }
-    }
-}
-
-fn problem(detail: String) -> SolveError {
-    SolveError::Problem { detail }
-}
-
-fn check_mesh(mesh: &MixedMesh) -> Result<(), SolveError> {
-    let n = mesh.positions.len();
-    if mesh.attachment.len() != n {
-        return Err(problem(format!("the mesh has {} attachments for {n} nodes", mesh.attachment.len())));
-    }
-    if mesh.tetrahedron_tissue.len() != mesh.tetrahedra.len() {
-        let (tissues, tetrahedra) = (mesh.tetrahedron_tissue.len(), mesh.tetrahedra.len());
-        return Err(problem(format!("the mesh has {tissues} tissues for {tetrahedra} tetrahedra")));
-    }
-    if let Some(node) = mesh.positions.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
-        return Err(problem(format!("node {node} has a coordinate that is not finite")));
-    }
-    let named = (mesh.tetrahedra.iter().flatten())
-        .chain(mesh.prisms.iter().flatten())
-        .chain(mesh.bone_faces.iter().flatten())
-        .max();
-    match named {
-        Some(&node) if node as usize >= n => Err(problem(format!("a cell has node {node}, the mesh has only {n}"))),
-        _ => Ok(()),
-    }
-}
-
-fn check_boundary(mesh: &MixedMesh, boundary: &Boundary) -> Result<(), SolveError> {
-    let n = mesh.positions.len();
-    let (held, loads) = (boundary.held_axes.len(), boundary.loads_n.len());
-    if held != 0 && held != n {
-        return Err(problem(format!("held axes are given for {held} nodes, the mesh has {n}")));
-    }
-    if loads != 0 && loads != n {
-        return Err(problem(format!("loads are given for {loads} nodes, the mesh has {n}")));
-    }
-    let prescribed = boundary.prescribed_mm.len();
-    if prescribed != 0 && prescribed != n {
-        return Err(problem(format!("prescribed displacements are given for {prescribed} nodes, the mesh has {n}")));
-    }
-    let is_held = |node: usize, axis: usize| boundary.held_axes.get(node).is_some_and(|axes| axes >> axis & 1 == 1);
-    for (node, u) in boundary.prescribed_mm.iter().enumerate() {
-        if let Some(axis) = (0..3).find(|axis| !u[*axis].is_finite() || (u[*axis] != 0.0 && !is_held(node, *axis))) {
-            let name = ["x", "y", "z"][axis];
-            return Err(problem(format!(
-                "node {node} has a prescribed displacement of {} mm along {name}; it must be finite, and the node held along \
-                 that axis",
-                u[axis]
-            )));
-        }
-    }
-    if let Some(node) = boundary.held_axes.iter().position(|axes| *axes > 7) {
-        return Err(problem(format!("node {node} has held axes {}, allowed are 0 to 7", boundary.held_axes[node])));
-    }
-    match boundary.loads_n.iter().position(|f| !f.iter().all(|c| c.is_finite())) {
-        Some(node) => Err(problem(format!("the load on node {node} is not finite"))),
-        None => Ok(()),
-    }
-}
-
-fn check_bodies(bodies: &[ContactBody<'_>]) -> Result<(), SolveError> {
-    let mut segments: Vec<u32> = bodies.iter().map(|b| b.segment).collect();
-    segments.sort_unstable();
-    match segments.windows(2).find(|w| w[0] == w[1]) {
-        Some(w) => Err(problem(format!("segment {} is given twice", w[0]))),
-        None => Ok(()),
     }
 }
 

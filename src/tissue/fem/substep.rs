@@ -8,7 +8,10 @@ use super::quadratic_model::predict;
 use super::settings::UnstableMaterial;
 use super::solver::Solver;
 use super::state::PathPoint;
-use super::tuning::{CONTACT_MOTION_MARGIN, CONTACT_REACH_MM, MAX_CONTACT_MOTION_MM, MAX_RELEASES, PASSAGE_MOTION_MM};
+use super::tuning::{
+    CONTACT_MOTION_MARGIN, CONTACT_REACH_MM, MAX_CONTACT_MOTION_MM, MAX_FACING_MOTION_MM, MAX_RELEASES,
+    PASSAGE_MOTION_MM,
+};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Vector, Warning};
 
@@ -40,6 +43,9 @@ impl Solver<'_> {
             let motion_of = |segment| motion_of(&listed, segment);
             let attempt = self.attempt(target, &along_path, length_mm, &motion_of, control);
             let Ok((x, _)) = &attempt else { break attempt };
+            if let Some(found_mm) = self.equations.state.contact.facing_passage(&self.reached.x, x) {
+                break Err(Failure::Penetration { found_mm });
+            }
             let passages = self.passages(x, &before, &body_motions);
             if let Some(p) =
                 passages.iter().find(|p| !p.round_a_rim && moved_mm(p, &before, &body_motions) > PASSAGE_MOTION_MM)
@@ -150,13 +156,31 @@ impl Solver<'_> {
         }
         let mut length = wanted;
         loop {
-            let moved = self.contact_motion(&self.body_motions(&motions(self.reached.t + sign * length)));
+            let listed = motions(self.reached.t + sign * length);
+            let of_bodies = self.contact_motion(&self.body_motions(&listed));
+            let moved = of_bodies.max(self.facing_motion(sign * length, &listed, motions));
             // The 1 % margin keeps a step of twice the limit from being cut in three.
             if moved <= CONTACT_MOTION_MARGIN * MAX_CONTACT_MOTION_MM || length <= self.settings.min_substep {
                 return length;
             }
             length = (wanted / (wanted / length * moved / MAX_CONTACT_MOTION_MM).ceil()).max(self.settings.min_substep);
         }
+    }
+
+    /// Largest displacement of a held node when the path parameter grows by `length`, mm, in units in which the limit is
+    /// [`MAX_CONTACT_MOTION_MM`]; 0 without facing tissue.
+    fn facing_motion(&self, length: f64, listed: &[(u32, Motion)], motions: &dyn Fn(f64) -> Vec<(u32, Motion)>) -> f64 {
+        if !self.equations.state.contact.has_facing() {
+            return 0.0;
+        }
+        let (dofs, t) = (self.equations.problem.dofs(), self.reached.t);
+        let [mut from, mut to] = [dofs.rest().to_vec(), dofs.rest().to_vec()];
+        let now = motions(t);
+        dofs.prescribe(|s| motion_of(&now, s), t, &mut from);
+        dofs.prescribe(|s| motion_of(listed, s), t + length, &mut to);
+        let nodes = from.iter().zip(&to).enumerate().filter(|(node, _)| dofs.is_position(*node));
+        let moved = nodes.map(|(_, (a, b))| (b - a).norm()).fold(0.0, f64::max);
+        moved * MAX_CONTACT_MOTION_MM / MAX_FACING_MOTION_MM
     }
 
     /// Largest displacement of bone near contact points from the current state on, mm.

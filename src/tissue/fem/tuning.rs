@@ -163,6 +163,30 @@ pub(super) const TIED_SHARE: f64 = 0.99;
 /// Updates after which gliding nodes are no longer let go in one equilibrium.
 pub(super) const MAX_PULL_OFFS: usize = 10;
 
+// Contact of tissue with tissue.
+
+/// Penalty stiffness in units of the tissue's confined modulus over its element size. The result hardly depends on it: lips
+/// pressed to 0.01 MPa penetrate each other by a few micrometres before the multipliers take over.
+pub(super) const FACING_STIFFNESS: f64 = 100.0;
+/// A triangle carries the square of this number of points. Fewer do not resolve the shape functions of the other side
+/// (`a_uniform_pressure_passes_through_unlike_meshes`).
+pub(super) const FACING_POINTS_PER_EDGE: usize = 4;
+/// Triangles can touch when the cosine between their normals is below this: the sides of an opened slit, seen past its end, do
+/// not.
+pub(super) const FACING_COSINE: f64 = 0.0;
+/// The corners of a triangle may lie deeper than its points by this factor
+/// (`lips_close_open_and_slide_without_overlap_and_in_balance`).
+pub(super) const DEPTH_BETWEEN_POINTS: f64 = 2.0;
+/// Largest stiffness with which an edge or corner holds a point aside, in units of the contact stiffness.
+pub(super) const STIFFEST_EDGE: f64 = 10.0;
+/// Nearer than this to an edge or corner, mm, the direction to it is rounding.
+pub(super) const COINCIDENT_MM: f64 = 1e-9;
+/// Triangles of facing tissue evaluated by one task.
+pub(super) const FACING_TRIANGLES_PER_TASK: usize = 16;
+/// Held nodes of a mesh with facing tissue move at most this far in one substep, mm: tissue that penetrates deeper than
+/// [`NEAR_MM`] is no longer found.
+pub(super) const MAX_FACING_MOTION_MM: f64 = 2.0;
+
 // Substeps.
 
 /// Smaller motions of a segment along an axis in which its nodes are held are rounding, mm.
@@ -194,6 +218,11 @@ pub(super) const MAX_RELAXATIONS: usize = 20_000;
 pub(super) const RELAXATION_TOLERANCE: f64 = 1e-9;
 /// Nodes whose compliance is computed together: smaller groups spare nodes with late rows the work of the early ones.
 pub(super) const COMPLIANCE_GROUP: usize = 32;
+/// Nodes of a contact point on bone: terms of tissue on tissue have more.
+pub(super) const POINT_NODES: usize = 3;
+/// With more terms than this for each node, contact of tissue with tissue is corrected by nodes: its triangles carry many points,
+/// and a Cholesky factor of all their terms would cost more than one of their nodes' unknowns.
+pub(super) const TERMS_PER_NODE: usize = 2;
 /// Unknowns above which faer splits its dense work in two. The split is fixed, so that the bits do not depend on the number of
 /// threads (`any_number_of_threads_gives_the_same_bits`).
 pub(super) const PARALLEL_FROM: usize = 3000;

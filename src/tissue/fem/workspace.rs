@@ -2,8 +2,10 @@
 //! to an older state.
 
 use super::assembly::{Curvature, ElementBuffers, Inversion};
+use super::axes::axes_in;
 use super::compliance::RankOne;
 use super::contact::{Contact, ContactPair, Curved};
+use super::coupling::Coupling;
 use super::factor::Indefinite;
 use super::factor_origin::{FactorOrigin, numbers, vectors};
 use super::linear_solve::{LinearSolver, System, Work};
@@ -35,6 +37,8 @@ pub(super) struct Workspace {
     buffers: ElementBuffers,
     /// Stiffness of elements and contact.
     values: Vec<f64>,
+    /// Stiffness of contact between nodes of no common element.
+    coupling: Coupling,
     /// Stiffness of the elements, without contact.
     elastic: Vec<f64>,
     /// State at which `elastic` was assembled.
@@ -59,6 +63,7 @@ impl Workspace {
             buffers: problem.assembly().buffers(),
             elastic: values.clone(),
             values,
+            coupling: Coupling::default(),
             assembled: None,
             factored: None,
             forces: vec![Vector::zeros(); problem.dofs().n_nodes()],
@@ -99,9 +104,10 @@ impl Workspace {
         &self.residual
     }
 
-    /// Stiffness of elements and contact.
-    pub(super) fn values(&self) -> &[f64] {
-        &self.values
+    /// Product of the stiffness of elements and contact with `x`.
+    pub(super) fn multiply(&self, problem: &Problem, x: &[f64], y: &mut [f64]) {
+        problem.pattern().multiply(&self.values, x, y);
+        self.coupling.add_product(x, y);
     }
 
     /// Stiffness of the elements.
@@ -195,8 +201,20 @@ impl Workspace {
         curved: Option<Curved<'_>>,
     ) {
         self.values.copy_from_slice(&self.elastic);
-        let (pattern, dofs, values) = (problem.pattern(), problem.dofs(), &mut self.values);
-        contact.hessian(contacts, curved, dofs, |row, column, block| pattern.add(row, column, block, values));
+        self.coupling.clear();
+        let (pattern, dofs) = (problem.pattern(), problem.dofs());
+        let (values, coupling) = (&mut self.values, &mut self.coupling);
+        let axes = |unknown: u32| axes_in(dofs.axes_of(dofs.nodes()[unknown as usize] as usize));
+        contact.hessian(contacts, curved, dofs, |row, column, block| {
+            if pattern.contains(row, column) {
+                return pattern.add(row, column, block, values);
+            }
+            let mut block = *block;
+            axes(row).for_each(|axis| block.row_mut(axis).fill(0.0));
+            axes(column).for_each(|axis| block.column_mut(axis).fill(0.0));
+            coupling.add(row, column, block);
+        });
+        coupling.merge();
         pattern.hold(dofs.partly_held(), values);
     }
 
@@ -217,7 +235,7 @@ impl Workspace {
         tolerance: f64,
         norm_sq: Option<f64>,
     ) -> Result<Work, Indefinite> {
-        let system = System { values: &self.values, elastic: &self.elastic, contact: terms };
+        let system = System { values: &self.values, coupling: &self.coupling, elastic: &self.elastic, contact: terms };
         let before = self.solver.factorisations();
         let work = self.solver.solve(problem.pattern(), system, rhs, change, tolerance, norm_sq);
         self.note_factor(before);

@@ -48,6 +48,11 @@ impl Pattern {
         9 * self.start[column]
     }
 
+    /// Whether the block, `row >= column`, is in the pattern.
+    pub(in crate::fem) fn contains(&self, row: u32, column: u32) -> bool {
+        self.rows(column as usize).binary_search(&row).is_ok()
+    }
+
     /// Adds a block to `values`; `row >= column`, and the block must be in the pattern.
     pub(in crate::fem) fn add(&self, row: u32, column: u32, block: &Matrix3<f64>, values: &mut [f64]) {
         let rows = self.rows(column as usize);

@@ -60,7 +60,7 @@ fn forces_and_stiffness_with_contact_are_derivatives_of_the_energy() {
         assert!(((after - before) / (2.0 * h) - slope).abs() < 1e-6 * slope.abs(), "{slope}");
         equations.stiffness(&x, &contacts, &motions).unwrap();
         let mut kd = vec![0.0; n];
-        equations.problem.pattern().multiply(equations.work.values(), &d, &mut kd);
+        equations.work.multiply(&equations.problem, &d, &mut kd);
         let scale = dot(&kd, &kd).sqrt();
         let error: f64 = (0..n).map(|i| ((r1[i] - r0[i]) / (2.0 * h) - kd[i]).powi(2)).sum::<f64>().sqrt() / scale;
         assert!(error < 1e-6, "{error:.2e}");

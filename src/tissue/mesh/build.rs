@@ -110,8 +110,8 @@ fn build_once(
     let (skin, bone, air) = (OpenedSkin(open(domain.skin)), open(domain.bone), domain.air.map(open));
     let air = air.as_ref().map(|air| air as &dyn Implicit);
     let opened = Domain { skin: &skin, bone: &bone, air, ..*domain };
-    let (mut mesh, mut quality) = fill(&opened, Some(&opening), settings, control)?;
-    close(&mut mesh, &opening, &InnerTissue::new(domain, settings));
+    let (mut mesh, mut quality) = fill(&opened, Some(&skin), settings, control)?;
+    close(&mut mesh, &opening, &InnerTissue::new(domain, settings), control)?;
     let at_rest = report(&mesh, None, 0.0);
     if at_rest.inverted > 0 {
         return Err(first_inverted(&mesh, at_rest.inverted));
@@ -123,14 +123,14 @@ fn build_once(
     Ok((mesh, quality))
 }
 
-/// Meshes a domain, which is opened by `opening` if given.
+/// Meshes a domain, whose skin is `opened` if given.
 fn fill(
     domain: &Domain<'_>,
-    opening: Option<&Opening<'_>>,
+    opened: Option<&OpenedSkin<'_>>,
     settings: &MeshSettings,
     control: &Control,
 ) -> Result<(MixedMesh, MeshReport), MeshError> {
-    let plain = InnerTissue::new(domain, settings);
+    let plain = InnerTissue::new(domain, settings).with_slit(opened);
     let lattice = lattice_over(&plain, settings.edge_mm)?;
     let marks = mark_refinement(&plain, &lattice, control)?;
     let inner = plain.with_thickness(marks.thickness.as_ref());
@@ -145,7 +145,7 @@ fn fill(
 
     let (mut layer, lost) = draft.extrude(&holes);
     draft.follow_skin(&mut layer, control)?;
-    let prisms = drop_bad_prisms(&draft, &mut layer, opening, lost);
+    let prisms = drop_bad_prisms(&draft, &mut layer, opened.map(|skin| skin.0.opening), lost);
     control.report(0.7);
 
     let loose = keep_large_parts(&mut draft.mesh, &mut layer);

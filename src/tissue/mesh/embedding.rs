@@ -92,7 +92,7 @@ impl Bins {
 ///
 /// # Source
 /// C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5.
-fn closest_on_triangle(p: &Point, [a, b, c]: &[Point; 3]) -> (Point, [f64; 3]) {
+pub(super) fn closest_on_triangle(p: &Point, [a, b, c]: &[Point; 3]) -> (Point, [f64; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
     let on = |weights: [f64; 3]| {

@@ -143,14 +143,16 @@ pub(super) const MINOR_PART_SHARE: f64 = 0.01;
 pub(super) const OPENING_EDGES: f64 = 0.4;
 /// Height over the slit up to which the opening moves tissue, in half openings. The map then stretches by at most a third.
 pub(super) const OPENING_REACH: f64 = 6.0;
-/// Slope of the half opening towards its ends: walls meet there at 70°, which prisms can line.
-pub(super) const OPENING_TAPER: f64 = 0.7;
+/// Slope of the half opening towards its ends: walls meet there at 53°, which prisms can line, and closing shears tissue there
+/// by a half.
+pub(super) const OPENING_TAPER: f64 = 0.5;
 /// The slit is fully open up to this far behind the lips, mm, so that inaccurate bone does not leave them joined there.
 pub(super) const PAST_BACK_MM: f64 = 0.5;
-/// Radius scale of the rounded edges between skin and red margins, mm. A closed slit so has a groove about half as deep.
-pub(super) const LIP_FILLET_MM: f64 = 2.0;
-/// Outer nodes within this distance of the slit face the other lip, mm.
-pub(super) const FACING_GAP_MM: f64 = 0.05;
+/// Width of the rounded edges between skin and red margins, mm; each takes off a quarter of it. Sharper ones would need prisms
+/// much shorter than a default edge, as the skin's natural roundness has the same size.
+pub(super) const LIP_FILLET_MM: f64 = 1.2;
+/// Outer nodes within this distance of the slit face the other lip, mm: all of the red margin and most of its rounded edge.
+pub(super) const FACING_GAP_MM: f64 = 0.25;
 /// Narrowest mouth that is parted, mm: five edges of the default mesh.
 pub(super) const MIN_SLIT_WIDTH_MM: f64 = 20.0;
 /// Least and greatest thickness of the lips along the slit, mm.

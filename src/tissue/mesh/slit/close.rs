@@ -1,11 +1,14 @@
+use super::super::adjacency::boundary;
 use super::super::classify::tissue_at;
 use super::super::domain::InnerTissue;
 use super::super::prisms::PrismLayer;
 use super::super::quality::{scaled_jacobian, scaled_jacobian_curved};
+use super::super::smooth::Relaxation;
 use super::super::stuffing::TetMesh;
-use super::super::tuning::{FACING_GAP_MM, WORST_JACOBIAN};
+use super::super::tuning::{FACING_GAP_MM, SMOOTHING_ROUNDS, WORST_JACOBIAN};
 use super::super::{Facing, MixedMesh};
 use super::Opening;
+use prosopon_geometry::control::{Cancelled, Control};
 
 /// Leaves out prisms that are badly shaped when the slit is closed; returns their number.
 ///
@@ -27,7 +30,12 @@ pub(in super::super) fn drop_folded_when_closed(
 /// Moves a mesh of opened tissue back to rest and marks the red margins.
 ///
 /// `inner` is the tissue at rest, which tells fat from muscle.
-pub(in super::super) fn close(mesh: &mut MixedMesh, opening: &Opening<'_>, inner: &InnerTissue<'_>) {
+pub(in super::super) fn close(
+    mesh: &mut MixedMesh,
+    opening: &Opening<'_>,
+    inner: &InnerTissue<'_>,
+    control: &Control,
+) -> Result<(), Cancelled> {
     let margin = |nodes: [u32; 3]| -> Option<usize> {
         let places = nodes.map(|n| mesh.positions[n as usize]);
         let is_on_wall = places.iter().all(|p| opening.gap(p).0.abs() < FACING_GAP_MM);
@@ -44,6 +52,7 @@ pub(in super::super) fn close(mesh: &mut MixedMesh, opening: &Opening<'_>, inner
     let closed: Vec<_> = mesh.positions.iter().map(|p| opening.closed(p)).collect();
     let moved: Vec<bool> = closed.iter().zip(&mesh.positions).map(|(c, p)| c != p).collect();
     mesh.positions = closed;
+    improve_inside(mesh, inner, control)?;
     for (tetrahedron, tissue) in mesh.tetrahedra.iter().zip(&mut mesh.tetrahedron_tissue) {
         if tetrahedron.iter().any(|n| moved[*n as usize]) {
             *tissue = tissue_at(inner, tetrahedron.map(|n| mesh.positions[n as usize]));
@@ -52,4 +61,20 @@ pub(in super::super) fn close(mesh: &mut MixedMesh, opening: &Opening<'_>, inner
     if facing.sides.iter().all(|side| !side.is_empty()) {
         mesh.facing.push(facing);
     }
+    Ok(())
+}
+
+/// Improves tetrahedra by moving nodes that lie on no boundary: beside the corners of the slit the map back has kinks.
+fn improve_inside(mesh: &mut MixedMesh, inner: &InnerTissue<'_>, control: &Control) -> Result<(), Cancelled> {
+    let n = mesh.positions.len();
+    let mut pinned = vec![false; n];
+    for &node in boundary(&mesh.tetrahedra).iter().flat_map(|f| &f.nodes) {
+        pinned[node as usize] = true;
+    }
+    mesh.prisms.iter().flatten().for_each(|&node| pinned[node as usize] = true);
+    let mut tissue =
+        TetMesh { positions: std::mem::take(&mut mesh.positions), tetrahedra: std::mem::take(&mut mesh.tetrahedra) };
+    let done = Relaxation::new(inner, &mut tissue, &vec![None; n], &pinned, &[]).improve(SMOOTHING_ROUNDS, control);
+    (mesh.positions, mesh.tetrahedra) = (tissue.positions, tissue.tetrahedra);
+    done
 }

@@ -23,6 +23,19 @@ impl Implicit for Opened<'_> {
 /// The skin of the opened tissue: the gap lies outside it, and the edges of the lips are rounded.
 pub(in super::super) struct OpenedSkin<'a>(pub(in super::super) Opened<'a>);
 
+impl OpenedSkin<'_> {
+    /// Value of the skin without the gap, mm.
+    pub(in super::super) fn outer_value(&self, p: &Point) -> f64 {
+        self.0.value(p)
+    }
+}
+
+impl std::fmt::Debug for OpenedSkin<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("OpenedSkin").field("opening", self.0.opening).finish_non_exhaustive()
+    }
+}
+
 impl Implicit for OpenedSkin<'_> {
     fn value(&self, p: &Point) -> f64 {
         rounded_maximum(self.0.value(p), self.0.opening.gap(p).0).0

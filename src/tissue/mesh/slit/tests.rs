@@ -70,6 +70,10 @@ fn lips_are_meshed_apart() {
         let found = measure(&name, &mesh);
         println!("{name}: {report:?}\n{found:?}");
         let [upper, lower] = &mesh.facing[0].sides;
+        worst(&mesh);
+        for side in &mesh.facing[0].sides {
+            coverage(&slit, &mesh, side);
+        }
         println!(
             "{} {} area {} {} of {}",
             upper.len(),
@@ -79,4 +83,50 @@ fn lips_are_meshed_apart() {
             slit_area(&slit, 0.0)
         );
     }
+}
+
+fn worst(mesh: &MixedMesh) {
+    let mut all: Vec<(f64, Point)> = mesh
+        .tetrahedra
+        .iter()
+        .map(|t| {
+            let p = t.map(|i| mesh.positions[i as usize]);
+            let c = p.iter().fold(Point::origin(), |s, q| s + q.coords * 0.25);
+            (super::super::quality::smallest_sine(&p), c)
+        })
+        .collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (s, c) in all.iter().take(25) {
+        println!("{s:.3} at {:.1} {:.1} {:.1}", c.x, c.y, c.z);
+    }
+    println!(
+        "below .1 {} below .18 {}",
+        all.iter().filter(|a| a.0 < 0.1).count(),
+        all.iter().filter(|a| a.0 < 0.18).count()
+    );
+}
+
+fn coverage(slit: &Slit, mesh: &MixedMesh, side: &[[u32; 3]]) {
+    let mut out = String::new();
+    for j in 0..15 {
+        for i in 0..48 {
+            let x = -23.5 + f64::from(i);
+            let y = slit.front_y(x) + 0.5 + f64::from(j);
+            let inside = side.iter().any(|t| {
+                let [a, b, c] = t.map(|n| mesh.positions[n as usize]);
+                let cr = |p: &Point, q: &Point| (q.x - p.x) * (y - p.y) - (q.y - p.y) * (x - p.x);
+                let s = [cr(&a, &b), cr(&b, &c), cr(&c, &a)];
+                s.iter().all(|v| *v >= 0.0) || s.iter().all(|v| *v <= 0.0)
+            });
+            let is_slit = y < slit.back_y(x) && x.abs() < 22.0;
+            out.push(match (inside, is_slit) {
+                (true, true) => '#',
+                (true, false) => '+',
+                (false, true) => '.',
+                _ => ' ',
+            });
+        }
+        out.push('\n');
+    }
+    println!("{out}");
 }

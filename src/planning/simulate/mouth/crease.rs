@@ -1,10 +1,10 @@
+use super::Reason;
 use super::front::Front;
 use super::place::Place;
 use super::tuning::{
-    DEEP_MM, END_SHARE, END_WINDOW_MM, HALF_WIDTH_MM, LIP_MM, MAX_UNEVEN, MIN_CREASE_MM, NOTCH_MM, NOTCH_WEIGHT, PIXEL_MM,
-    SHARP_MM, SMOOTH_HALF_MM, STEP_COST, VIEW_HALF_MM,
+    DEEP_MM, END_SHARE, END_WINDOW_MM, HALF_WIDTH_MM, LIP_MM, MAX_UNEVEN, MIN_CREASE_MM, NOTCH_MM, NOTCH_WEIGHT,
+    PIXEL_MM, SHARP_MM, SMOOTH_HALF_MM, STEP_COST, VIEW_HALF_MM,
 };
-use super::Reason;
 use prosopon_geometry::{Point, TriMesh};
 
 /// The crease between the lips.
@@ -113,9 +113,11 @@ fn best_path(front: &Front, scores: &Scores, place: &Place) -> Vec<usize> {
     let earned = |i: usize, k: usize| {
         let z = front.place(i, k)[1];
         let is_outside = i == middle && !(place.heights[0]..=place.heights[1]).contains(&z);
-        let off_commissure = place.commissures.iter().flatten().any(|c| {
-            column(front, c.x) == i && (z - c.z).abs() > super::tuning::FROM_STOMION_MM
-        });
+        let off_commissure = place
+            .commissures
+            .iter()
+            .flatten()
+            .any(|c| column(front, c.x) == i && (z - c.z).abs() > super::tuning::FROM_STOMION_MM);
         if is_outside || off_commissure { f64::NEG_INFINITY } else { scores.total(i, k) }
     };
     let mut best: Vec<f64> = (0..rows).map(|k| earned(0, k)).collect();
@@ -144,13 +146,7 @@ fn best_path(front: &Front, scores: &Scores, place: &Place) -> Vec<usize> {
 }
 
 /// First and last column of the crease.
-fn ends(
-    front: &Front,
-    scores: &Scores,
-    path: &[usize],
-    place: &Place,
-    middle: usize,
-) -> Result<[usize; 2], Reason> {
+fn ends(front: &Front, scores: &Scores, path: &[usize], place: &Place, middle: usize) -> Result<[usize; 2], Reason> {
     let half = (HALF_WIDTH_MM[0] / PIXEL_MM) as usize;
     let window = (END_WINDOW_MM / PIXEL_MM) as usize;
     let mean = |range: std::ops::Range<usize>| {

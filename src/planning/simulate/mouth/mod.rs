@@ -14,8 +14,8 @@ use place::{Place, Source, place};
 use prosopon_geometry::{Implicit, Point, TriMesh, Warning};
 use prosopon_tissue::mesh::{Slit, SlitKnot};
 use tuning::{
-    DEFAULT_DEPTH_MM, DEPTH_STEP_MM, KNOT_STEP_MM, LEAST_DEPTH_MM, MAX_CURVE_OFF_MM, MAX_DEPTH_MM, MIN_HITS, MEDIAN_HALF_MM,
-    MIN_LIP_MM,
+    DEFAULT_DEPTH_MM, DEPTH_STEP_MM, KNOT_STEP_MM, LEAST_DEPTH_MM, MAX_CURVE_OFF_MM, MAX_DEPTH_MM, MEDIAN_HALF_MM,
+    MIN_HITS, MIN_LIP_MM,
 };
 
 /// How the lips are modelled.
@@ -52,11 +52,14 @@ pub(super) fn find(face: &Face<'_>, mouth: &Mouth) -> (Option<Slit>, Vec<Warning
     };
     match found {
         Ok((slit, warnings)) => (Some(slit), warnings),
-        Err(reason) => {
-            let warning = Warning::check("mouth-not-parted", format!("the lips are joined in the mesh: {reason}"));
-            (None, vec![warning.act("Give the curve between the lips as `mouth`, or the landmarks of the mouth.")])
-        }
+        Err(reason) => (None, vec![not_parted(&reason)]),
     }
+}
+
+/// Warning that the lips stay joined.
+pub(super) fn not_parted(reason: &str) -> Warning {
+    let warning = Warning::check("mouth-not-parted", format!("the lips are joined in the mesh: {reason}"));
+    warning.act("Give the curve between the lips as `mouth`, or the landmarks of the mouth.")
 }
 
 fn by_curve(face: &Face<'_>, points: &[Point]) -> Result<(Slit, Vec<Warning>), Reason> {

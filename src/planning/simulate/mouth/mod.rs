@@ -6,11 +6,13 @@
 mod crease;
 mod front;
 mod place;
+#[cfg(test)]
+mod tests;
 mod tuning;
 
 use crease::{Crease, trace};
 use front::Front;
-use place::{Place, Source, place};
+use place::{Source, place};
 use prosopon_geometry::{Implicit, Point, TriMesh, Warning};
 use prosopon_tissue::mesh::{Slit, SlitKnot};
 use tuning::{

@@ -2,8 +2,8 @@ use super::Reason;
 use super::front::Front;
 use super::place::Place;
 use super::tuning::{
-    DEEP_MM, END_SHARE, END_WINDOW_MM, HALF_WIDTH_MM, LIP_MM, MAX_UNEVEN, MIN_CREASE_MM, NOTCH_MM, NOTCH_WEIGHT,
-    PIXEL_MM, SHARP_MM, SMOOTH_HALF_MM, STEP_COST, VIEW_HALF_MM,
+    DEEP_MM, END_SHARE, END_WINDOW_MM, FROM_STOMION_MM, HALF_WIDTH_MM, LIP_MM, MAX_BREAK_MM, MAX_UNEVEN, MIN_CREASE_MM,
+    NOTCH_MM, NOTCH_WEIGHT, PIXEL_MM, SHARP_MM, SMOOTH_HALF_MM, STEP_COST, USUAL_HALF_WIDTH_MM, VIEW_HALF_MM,
 };
 use prosopon_geometry::{Point, TriMesh};
 
@@ -13,6 +13,8 @@ pub(super) struct Crease {
     pub(super) curve: Vec<Point>,
     /// Mean depth in its middle half, mm.
     pub(super) depth_mm: f64,
+    /// Whether a corner could not be told from folds beside the mouth and lies where it usually does.
+    pub(super) usual_corner: bool,
 }
 
 /// Follows the crease through `place`: the path across the face, rising or falling by at most 45°, with the deepest and
@@ -29,7 +31,7 @@ pub(super) fn trace(skin: &TriMesh, place: &Place) -> Result<Crease, Reason> {
     let scores = Scores::of(&front);
     let path = best_path(&front, &scores, place);
     let middle = column(&front, place.midline);
-    let [first, last] = ends(&front, &scores, &path, place, middle)?;
+    let ([first, last], usual_corner) = ends(&front, &scores, &path, place, middle)?;
     let quarter = (last - first) / 4;
     let inner = first + quarter..last - quarter;
     let depth_mm = inner.clone().map(|i| scores.depth(i, path[i])).sum::<f64>() / inner.len().max(1) as f64;
@@ -46,7 +48,7 @@ pub(super) fn trace(skin: &TriMesh, place: &Place) -> Result<Crease, Reason> {
             Some(Point::new(x, front.at(x, z)?, z))
         })
         .collect();
-    Ok(Crease { curve: ends_added(&front, curve, [first, last], &path), depth_mm })
+    Ok(Crease { curve: ends_added(&front, curve, [first, last], &path), depth_mm, usual_corner })
 }
 
 /// The curve with its ends where the crease ends: averages of places there lie farther in.
@@ -113,11 +115,8 @@ fn best_path(front: &Front, scores: &Scores, place: &Place) -> Vec<usize> {
     let earned = |i: usize, k: usize| {
         let z = front.place(i, k)[1];
         let is_outside = i == middle && !(place.heights[0]..=place.heights[1]).contains(&z);
-        let off_commissure = place
-            .commissures
-            .iter()
-            .flatten()
-            .any(|c| column(front, c.x) == i && (z - c.z).abs() > super::tuning::FROM_STOMION_MM);
+        let off_commissure =
+            place.commissures.iter().flatten().any(|c| column(front, c.x) == i && (z - c.z).abs() > FROM_STOMION_MM);
         if is_outside || off_commissure { f64::NEG_INFINITY } else { scores.total(i, k) }
     };
     let mut best: Vec<f64> = (0..rows).map(|k| earned(0, k)).collect();
@@ -145,8 +144,14 @@ fn best_path(front: &Front, scores: &Scores, place: &Place) -> Vec<usize> {
     path
 }
 
-/// First and last column of the crease.
-fn ends(front: &Front, scores: &Scores, path: &[usize], place: &Place, middle: usize) -> Result<[usize; 2], Reason> {
+/// First and last column of the crease, and whether an end was placed at the usual distance.
+fn ends(
+    front: &Front,
+    scores: &Scores,
+    path: &[usize],
+    place: &Place,
+    middle: usize,
+) -> Result<([usize; 2], bool), Reason> {
     let half = (HALF_WIDTH_MM[0] / PIXEL_MM) as usize;
     let window = (END_WINDOW_MM / PIXEL_MM) as usize;
     let mean = |range: std::ops::Range<usize>| {
@@ -154,19 +159,33 @@ fn ends(front: &Front, scores: &Scores, path: &[usize], place: &Place, middle: u
         range.map(|i| scores.total(i, path[i])).sum::<f64>() / n
     };
     let last = path.len() - 1;
-    let core = mean(middle.saturating_sub(half / 2)..(middle + half / 2).min(last));
+    let threshold = END_SHARE * mean(middle.saturating_sub(half / 2)..(middle + half / 2).min(last));
+    let gap = (MAX_BREAK_MM / PIXEL_MM) as usize;
+    // A streak of metal or a marker on the skin may hide the crease for a few millimetres.
     let reach = |left: bool| {
         let step = |n: usize| if left { (middle + n).min(last) } else { middle.saturating_sub(n) };
-        let ahead = |n: usize| {
+        let (mut end, mut n) = (0, 0);
+        while n <= end + gap && (1..last).contains(&step(n)) {
             let (a, b) = (step(n), step(n + window));
-            mean(a.min(b)..a.max(b))
-        };
-        (1..).map(|n| (n, step(n))).find(|(n, at)| *at == 0 || *at == last || ahead(*n) < END_SHARE * core)
+            if mean(a.min(b)..a.max(b)) >= threshold {
+                end = n;
+            }
+            n += 1;
+        }
+        step(end + 1)
     };
-    let side = |left: bool, known: Option<Point>| -> usize {
-        known.map_or_else(|| reach(left).map_or(middle, |(_, at)| at), |c| column(front, c.x))
-    };
-    let ends = [side(false, place.commissures[0]), side(true, place.commissures[1])];
+    let side =
+        |left: bool, known: Option<Point>| -> usize { known.map_or_else(|| reach(left), |c| column(front, c.x)) };
+    let mut ends = [side(false, place.commissures[0]), side(true, place.commissures[1])];
+    let mut usual = false;
+    for (index, end) in ends.iter_mut().enumerate() {
+        let is_known = place.commissures[index].is_some();
+        if !is_known && (front.place(*end, 0)[0] - place.midline).abs() > HALF_WIDTH_MM[1] {
+            let at = if index == 0 { -USUAL_HALF_WIDTH_MM } else { USUAL_HALF_WIDTH_MM };
+            *end = column(front, place.midline + at);
+            usual = true;
+        }
+    }
     let widths = ends.map(|i| (front.place(i, 0)[0] - place.midline).abs());
     for (width, name) in widths.iter().zip(["right", "left"]) {
         if !(HALF_WIDTH_MM[0]..=HALF_WIDTH_MM[1]).contains(width) {
@@ -177,5 +196,5 @@ fn ends(front: &Front, scores: &Scores, path: &[usize], place: &Place, middle: u
     if wide > MAX_UNEVEN * narrow {
         return Err(format!("one half of the mouth would be {narrow:.0} mm wide and the other {wide:.0} mm"));
     }
-    Ok(ends)
+    Ok((ends, usual))
 }

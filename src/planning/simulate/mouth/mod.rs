@@ -81,7 +81,7 @@ fn by_curve(face: &Face<'_>, points: &[Point]) -> Result<(Slit, Vec<Warning>), R
 
 fn by_crease(face: &Face<'_>) -> Result<(Slit, Vec<Warning>), Reason> {
     let place = place(face)?;
-    let Crease { curve, depth_mm } = trace(face.skin, &place)?;
+    let Crease { curve, depth_mm, usual_corner } = trace(face.skin, &place)?;
     let (slit, mut warnings) = behind(face, &curve)?;
     let source = match place.source {
         Source::Stomion => "by the crease of the skin at the landmark `stomion`",
@@ -89,6 +89,12 @@ fn by_crease(face: &Face<'_>) -> Result<(Slit, Vec<Warning>), Reason> {
         Source::Profile => "by the crease of the skin between nose and chin",
     };
     warnings.insert(0, parted(&slit, &format!("{source}, which is {depth_mm:.1} mm deep")));
+    if usual_corner {
+        let message =
+            "a corner of the mouth could not be told from folds beside it and was placed at the usual distance";
+        let action = "Give the landmarks `cheilion_right` and `cheilion_left`.";
+        warnings.push(Warning::check("mouth-corners", message).act(action));
+    }
     Ok((slit, warnings))
 }
 

@@ -11,7 +11,7 @@ pub(super) const FROM_STOMION_MM: f64 = 3.0;
 /// spread of faces.
 pub(super) const PROFILE_SHARES: [f64; 2] = [0.2, 0.6];
 /// Half width of the field of view.
-pub(super) const VIEW_HALF_MM: f64 = 40.0;
+pub(super) const VIEW_HALF_MM: f64 = 44.0;
 
 // Crease.
 
@@ -29,12 +29,17 @@ pub(super) const SHARP_MM: f64 = 0.8;
 pub(super) const NOTCH_WEIGHT: f64 = 3.0;
 /// Cost of a step up or down by one pixel from one column to the next, in mm of depth.
 pub(super) const STEP_COST: f64 = 0.15;
-/// Least mean depth of a crease in its middle half. On `ct_head` (1 by 2.5 mm voxels) it is 0.9 mm.
+/// Least mean depth of a crease in its middle half: well above the roughness of skin from a CT, about a tenth of a voxel.
 pub(super) const MIN_CREASE_MM: f64 = 0.25;
 /// The crease ends where its score falls below this share of that in the middle.
 pub(super) const END_SHARE: f64 = 0.25;
 /// Length over which that score is averaged.
 pub(super) const END_WINDOW_MM: f64 = 3.0;
+/// The crease may be hidden over this length: a marker, a streak of metal or the print of a mask.
+pub(super) const MAX_BREAK_MM: f64 = 8.0;
+/// Distance of a commissure from the middle where the crease runs on into a fold of the cheek; half of an adult's mouth, about
+/// 50 mm wide (Farkas 1994).
+pub(super) const USUAL_HALF_WIDTH_MM: f64 = 25.0;
 /// Least and greatest distance of a commissure from the middle of the mouth; adults have 20 to 30 mm.
 pub(super) const HALF_WIDTH_MM: [f64; 2] = [14.0, 32.0];
 /// One half of a mouth is at most this many times as wide as the other.

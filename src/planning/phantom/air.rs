@@ -36,6 +36,15 @@ fn mouth<T: Real>(p: [T; 3]) -> T {
     union(vestibule, slit, 1.5).min(oral)
 }
 
+/// As [`air`], with closed lips: a thin vestibule in front of the teeth, and no air between the lips.
+pub(super) fn air_with_closed_lips<T: Real>(p: [T; 3]) -> T {
+    let oral = ellipsoid(p, [0.0, -50.0, 8.0], [19.0, 22.0, 4.0]);
+    let upper = slab(UPPER_ARCH.distance(p) - 5.1, 0.8, p[2] - 6.0, 6.0);
+    let lower = slab(LOWER_ARCH.distance(p) - 5.3, 1.0, p[2] + 5.8, 7.8);
+    let vestibule = intersection(union(upper, lower, 2.0), p[1] + 55.0, 1.5);
+    airway(p).min(vestibule.min(oral))
+}
+
 /// Infinite slab of points whose two coordinates are smaller than the half extents.
 fn slab<T: Real>(u: T, half_u: f64, v: T, half_v: f64) -> T {
     intersection(u.abs() - half_u, v.abs() - half_v, 1.0)

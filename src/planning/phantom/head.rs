@@ -1,5 +1,6 @@
 use super::dual::Dual;
 use super::landmarks::Landmarks;
+use super::mouth::PhantomMouth;
 use super::{air, skin, skull};
 use prosopon_geometry::{Aabb, Implicit, Point, Vector};
 
@@ -13,6 +14,8 @@ pub struct Phantom {
     pub air: Box<dyn Implicit + Send>,
     /// Landmarks and planes, named as in `landmarks.json`.
     pub landmarks: Landmarks,
+    /// Where the lips meet; `None` where they are joined.
+    pub mouth: Option<PhantomMouth>,
 }
 
 impl std::fmt::Debug for Phantom {
@@ -62,7 +65,24 @@ pub fn head() -> Phantom {
         skull: Box::new(Solid { value: skull::skull, dual: skull::skull }),
         air: Box::new(Solid { value: air::air, dual: air::air }),
         landmarks: Landmarks::of_head(),
+        mouth: None,
     }
+}
+
+/// The standard phantom with a mouth: closed lips with a groove between them, and a vestibule in front of the teeth.
+///
+/// The lips touch along [`Phantom::mouth`]. The landmarks have `stomion`, `cheilion_right` and `cheilion_left` too.
+#[must_use]
+pub fn head_with_mouth() -> Phantom {
+    let mouth = PhantomMouth::new();
+    let skin = Solid { value: skin::skin_with_mouth, dual: skin::skin_with_mouth };
+    let mut landmarks = Landmarks::of_head();
+    let side = mouth.half_width_mm;
+    for (name, x) in [("stomion", 0.0), ("cheilion_right", -side), ("cheilion_left", side)] {
+        landmarks.points.extend(mouth.on_skin(&skin, x).map(|p| (name.to_owned(), p)));
+    }
+    let air = Solid { value: air::air_with_closed_lips, dual: air::air_with_closed_lips };
+    Phantom { skin: Box::new(skin), air: Box::new(air), landmarks, mouth: Some(mouth), ..head() }
 }
 
 impl Phantom {

@@ -16,6 +16,7 @@ mod ct_tests;
 mod dual;
 mod head;
 mod landmarks;
+mod mouth;
 mod sampling;
 mod shapes;
 mod skin;
@@ -23,6 +24,7 @@ mod skull;
 #[cfg(test)]
 mod tests;
 
-pub use head::{Phantom, head};
+pub use head::{Phantom, head, head_with_mouth};
 pub use landmarks::Landmarks;
+pub use mouth::PhantomMouth;
 pub use sampling::surface_of;

@@ -1,6 +1,7 @@
 //! Everything inside the skin.
 
 use super::dual::Real;
+use super::mouth::{MOUTH_BEND_PER_MM, MOUTH_HALF_WIDTH_MM, MOUTH_Z_MM};
 use super::shapes::{capsule, difference, ellipsoid, intersection, mirrored, union};
 
 /// Height at which the neck is cut, mm.
@@ -17,6 +18,26 @@ pub(super) fn skin<T: Real>(p: [T; 3]) -> T {
     let ear = ellipsoid(s, [68.5, 12.0, 60.0], [6.0, 13.0, 27.0]);
     head = union(head, ear, 4.0);
     intersection(head, -p[2] + NECK_Z, 6.0)
+}
+
+/// Half width of the groove between the lips, before its edges are rounded, mm.
+const GROOVE_HALF_MM: f64 = 0.5;
+/// Depth of the groove, mm.
+const GROOVE_DEPTH_MM: f64 = 2.0;
+
+/// The skin with a groove along the line where closed lips meet.
+pub(super) fn skin_with_mouth<T: Real>(p: [T; 3]) -> T {
+    let head = skin(p);
+    let line = (p[2] - mouth_z(p[0])).abs() - GROOVE_HALF_MM;
+    let mut groove = intersection(line, -head - GROOVE_DEPTH_MM, 0.5);
+    groove = intersection(groove, p[0].abs() - MOUTH_HALF_WIDTH_MM, 1.0);
+    groove = intersection(groove, p[1] + 60.0, 1.0);
+    difference(head, groove, 0.8)
+}
+
+/// Height of the line between closed lips, mm.
+fn mouth_z<T: Real>(x: T) -> T {
+    -(x.squared() * MOUTH_BEND_PER_MM) + MOUTH_Z_MM
 }
 
 fn cranium<T: Real>(p: [T; 3]) -> T {

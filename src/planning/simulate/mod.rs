@@ -6,6 +6,7 @@ mod attach;
 mod bone;
 mod error;
 mod fields;
+mod mouth;
 mod outer_surface;
 mod reach;
 mod ready_mesh;
@@ -19,6 +20,7 @@ pub use attach::{Attached, AttachmentRules, Beyond, NodeClass, Paint, SkullPaint
 pub use bone::{CutBone, cut_bone, segment_fields};
 pub use error::SimulateError;
 pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_around};
+pub use mouth::Mouth;
 pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;
 pub use ready_mesh::{CellIndex, READY_MESH_LOCKING, ReadyMesh, ReadyMeshError};

@@ -38,7 +38,7 @@ pub struct Frame {
     pub k: usize,
     /// Path parameter, 0 to 1.
     pub t: f64,
-    /// The user's skin, deformed: positions in the order of the anatomy's skin, LPS mm.
+    /// The user's skin, deformed: positions in the order of [`TissueModel::skin`], LPS mm.
     pub skin: TriMesh,
     /// Length of each vertex' displacement, mm.
     pub displacement_mm: Vec<f32>,
@@ -222,8 +222,9 @@ pub fn solve_prepared(
     let plan = continued.as_ref().unwrap_or(request.plan);
     let path = control.stage(SETUP_SHARE, 1.0);
     let share = |k: usize| k as f64 / settings.steps as f64;
-    let skin_mover = SkinMover::new(&anatomy.skin, &tissue.embedding);
-    warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| skin_mover.warning(&anatomy.skin, &region)));
+    let skin = tissue.skin(anatomy);
+    let skin_mover = SkinMover::new(skin, &tissue.embedding);
+    warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| skin_mover.warning(skin, &region)));
     let mut steps = Vec::with_capacity(settings.steps);
     let mut last = skin_mover.displacements(&solver);
     let done = request.resume.map_or(0, |checkpoint| checkpoint.k);
@@ -239,7 +240,7 @@ pub fn solve_prepared(
         last = skin_mover.displacements(&solver);
         steps.push(report.clone());
         let checkpoint = || Some(PathCheckpoint { k, begin: begin.clone(), solver: solver.checkpoint()? });
-        on_frame(frame(anatomy, &last, k, share(k), report)?, &checkpoint);
+        on_frame(frame(skin, &last, k, share(k), report)?, &checkpoint);
     }
     warnings.extend(steps.last().and_then(|s: &StepReport| s.bone_penetration?.warning()));
     let FaceRegions { regions: face, from_landmarks } =
@@ -248,7 +249,7 @@ pub fn solve_prepared(
         let message = "without landmarks the regions of the face are placed by proportions";
         warnings.push(Warning::check("regions-by-proportions", message).act("Add landmarks."));
     }
-    let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
+    let regions = face.iter().filter_map(|region| region_motion(skin, &last, region)).collect();
     let (nodes, end) = (solver.positions(), solver.start_state());
     let left_out = LeftOut {
         nodes: prepared.left_out.len(),
@@ -345,15 +346,14 @@ fn moving_segments(bone: &CutBone, plan: &Plan) -> Result<Vec<u32>, PlanError> {
 }
 
 fn frame(
-    anatomy: &Anatomy,
+    skin: &TriMesh,
     displacements: &[Vector],
     k: usize,
     t: f64,
     report: StepReport,
 ) -> Result<Frame, SimulateError> {
-    let moved = anatomy.skin.positions().iter().zip(displacements).map(|(p, u)| p + u).collect();
-    let skin = anatomy
-        .skin
+    let moved = skin.positions().iter().zip(displacements).map(|(p, u)| p + u).collect();
+    let skin = skin
         .with_positions(moved)
         .map_err(|e| SimulateError::Anatomy { detail: format!("the deformed skin is not usable: {e}") })?;
     let displacement_mm = displacements.iter().map(|u| u.norm() as f32).collect();

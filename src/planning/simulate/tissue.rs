@@ -1,9 +1,13 @@
-use super::tuning::{BEHIND_BACK_MM, BEHIND_FRONT_MM, EMBED_REACH_MM, REGION_REACH_MM, REGION_SLACK_MM};
+use super::mouth::{Face, Mouth, find, not_parted};
+use super::tuning::{BEHIND_BACK_MM, BEHIND_FRONT_MM, EMBED_REACH_MM, MOUTH_ROOM_MM, REGION_REACH_MM, REGION_SLACK_MM};
 use super::{Anatomy, CutBone, Fields, SimulateError};
 use crate::plan::{DentalArch, propose};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Aabb, Implicit, Point, Warning};
-use prosopon_tissue::mesh::{Domain, Embedding, MeshReport, MeshSettings, MixedMesh, Region, build, embed};
+use prosopon_geometry::{Aabb, Implicit, Point, TriMesh, Warning};
+use prosopon_tissue::mesh::{
+    Domain, Embedding, MeshError, MeshReport, MeshSettings, MixedMesh, PartedSkin, Region, Slit, build_parted, embed,
+    embed_parted, part_skin,
+};
 
 /// Settings of [`build_tissue`].
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -14,6 +18,8 @@ pub struct TissueSettings {
     pub region: Option<Aabb>,
     /// Distinguishes fat from muscle by depth alone, also where CT values are known.
     pub tissue_by_depth: bool,
+    /// Whether the lips part, and where.
+    pub mouth: Mouth,
 }
 
 /// The tissue of one face at rest.
@@ -23,10 +29,24 @@ pub struct TissueModel {
     pub mesh: MixedMesh,
     /// Quality of the mesh.
     pub report: MeshReport,
-    /// Positions of the user's skin vertices in the prisms' outer surface.
+    /// Positions of the skin's vertices ([`TissueModel::skin`]) in the prisms' outer surface.
     pub embedding: Embedding,
     /// Where the teeth are, found on the surfaces; `None` when the cuts show it or it is not found.
     pub arch: Option<DentalArch>,
+    /// The oral slit; `None` where the lips are joined.
+    pub slit: Option<Slit>,
+    /// The user's skin with its triangles cut along the slit; `None` where the lips are joined.
+    pub parted: Option<PartedSkin>,
+}
+
+impl TissueModel {
+    /// The skin that moves with the tissue: the user's, or that cut along the slit.
+    ///
+    /// The vertices of the user's skin come first, in their order.
+    #[must_use]
+    pub fn skin<'a>(&'a self, anatomy: &'a Anatomy) -> &'a TriMesh {
+        self.parted.as_ref().map_or(&anatomy.skin, |parted| &parted.skin)
+    }
 }
 
 /// Meshes the tissue between skin and bone around the segments that can move.
@@ -51,14 +71,55 @@ pub fn build_tissue(
         soft_tissue: anatomy.soft_tissue.as_ref().filter(|_| !settings.tissue_by_depth),
         region: &region,
     };
-    let (mesh, report) = build(&domain, &settings.mesh, &control.stage(0.0, 0.95))?;
-    let embedding = embed(&anatomy.skin, &mesh, EMBED_REACH_MM);
+    let air = domain.air;
+    let (skin, skull, landmarks) = (&anatomy.skin, &anatomy.skull, anatomy.landmarks.as_slice());
+    let (slit, warnings) = find(&Face { skin, skull, bone: domain.bone, air, landmarks }, &settings.mouth);
+    let (slit, mut found) = inside(slit, warnings, &bounds);
+    let part = control.stage(0.0, 0.95);
+    let (built, slit) = match (build_parted(&domain, slit.as_ref(), &settings.mesh, &part), slit) {
+        (Err(error @ MeshError::Inverted { .. }), Some(_)) => {
+            found = vec![not_parted(&format!("the mesh along the slit failed: {error}"))];
+            (build_parted(&domain, None, &settings.mesh, &part)?, None)
+        }
+        (built, slit) => (built?, slit),
+    };
+    let (mesh, mut report) = built;
+    report.warnings.extend(found);
+    let parted = slit.as_ref().and_then(|slit| part_skin(&anatomy.skin, slit));
+    let embedding = match (&parted, &slit) {
+        (Some(parted), Some(slit)) => embed_parted(parted, &mesh, slit, EMBED_REACH_MM),
+        _ => embed(&anatomy.skin, &mesh, EMBED_REACH_MM),
+    };
+    if let Some(parted) = &parted {
+        let new = parted.skin.positions().len() - parted.own;
+        let message = format!("the skin is cut along the mouth: {new} vertices follow the {} of its own", parted.own);
+        report.warnings.push(Warning::info("mouth-skin-cut", message));
+    }
     control.report(1.0);
     let arch = match bone.and_then(|b| b.osteotomy.arch) {
         Some(_) => None,
         None => DentalArch::proposed(&anatomy.skull, &propose(&anatomy.skin, &anatomy.skull)),
     };
-    Ok(TissueModel { mesh, report, embedding, arch })
+    Ok(TissueModel { mesh, report, embedding, arch, slit, parted })
+}
+
+/// The slit, unless it leaves the region of the mesh.
+fn inside(slit: Option<Slit>, mut warnings: Vec<Warning>, region: &Aabb) -> (Option<Slit>, Vec<Warning>) {
+    let room = region.grown(-MOUTH_ROOM_MM);
+    let leaves = |slit: &Slit| {
+        !slit
+            .knots()
+            .iter()
+            .all(|k| (room.min.x..=room.max.x).contains(&k.front.x) && (room.min.z..=room.max.z).contains(&k.front.z))
+    };
+    let slit = slit.filter(|slit| {
+        let is_outside = leaves(slit);
+        if is_outside {
+            warnings = vec![not_parted("the mouth does not lie inside the region of the mesh")];
+        }
+        !is_outside
+    });
+    (slit, warnings)
 }
 
 /// Warning when the region of a mesh built without cuts does not enclose the segments `moving`.

@@ -27,6 +27,9 @@ pub(super) const REGION_SLACK_MM: f64 = 5.0;
 /// A skin vertex farther than this from the prisms does not move with them, mm.
 pub(super) const EMBED_REACH_MM: f64 = 2.0;
 
+/// The mouth lies at least this far inside the region when lips are parted, mm: the tissue that is opened for meshing.
+pub(super) const MOUTH_ROOM_MM: f64 = 10.0;
+
 // Attachment.
 
 /// Gap at rest below which nodes are tied by default, mm.

@@ -66,7 +66,7 @@ pub use material::{
     UnstableMaterialName, VolumetricName,
 };
 pub use material_check::check_material;
-pub use mesh::{MeshDocument, MeshRequest};
+pub use mesh::{MeshDocument, MeshRequest, MouthDocument};
 pub use motion::{motion_from, motion_parts};
 pub use osteotomy::{
     ClearanceDocument, CreateOsteotomy, Cuts, OsteotomyDocument, ProtectedRequest, SegmentDocument, TemplateName,

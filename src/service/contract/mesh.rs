@@ -7,12 +7,62 @@ use super::check::Check;
 use super::cut::CutDocument;
 use super::fault::Fault;
 use super::warning::Findings;
-use prosopon_geometry::Aabb;
-use prosopon_planning::simulate::TissueSettings;
+use prosopon_geometry::{Aabb, Point};
+use prosopon_planning::simulate::{Mouth, TissueSettings};
 use prosopon_tissue::mesh::{MeshReport, MeshSettings};
 
+/// Most points of the curve between the lips.
+const MAX_CURVE_POINTS: usize = 200;
+
+/// Whether the lips part, and where.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MouthDocument {
+    /// The lips are joined.
+    #[default]
+    Glued,
+    /// The lips part along the crease between them, if it is found.
+    Auto,
+    /// The lips part along this curve on the skin, from one corner of the mouth to the other: 3 to 200 points, LPS mm.
+    Curve(Vec<[f64; 3]>),
+}
+
+impl MouthDocument {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+
+    fn check(&self, check: &mut Check) {
+        let Self::Curve(points) = self else { return };
+        for (index, p) in points.iter().enumerate() {
+            check.vector(&format!("/mouth/curve/{index}"), *p);
+        }
+        if !(3..=MAX_CURVE_POINTS).contains(&points.len()) {
+            check.fault("/mouth/curve", format!("has {} points, allowed are 3 to {MAX_CURVE_POINTS}", points.len()));
+        }
+        let rises = points.windows(2).all(|w| w[1][0] > w[0][0]);
+        let falls = points.windows(2).all(|w| w[1][0] < w[0][0]);
+        if !rises && !falls {
+            check.fault(
+                "/mouth/curve",
+                "must run from one corner of the mouth to the other, x always rising or falling",
+            );
+        }
+    }
+}
+
+impl From<&MouthDocument> for Mouth {
+    fn from(mouth: &MouthDocument) -> Self {
+        match mouth {
+            MouthDocument::Glued => Self::Glued,
+            MouthDocument::Auto => Self::Auto,
+            MouthDocument::Curve(points) => Self::Curve(points.iter().copied().map(Point::from).collect()),
+        }
+    }
+}
+
 /// Request for a tissue mesh, which is also kept with the mesh; absent members take their defaults.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MeshRequest {
     /// Thickness of the skin layer, mm, 0.1 to 10; 1.5 by default.
@@ -26,6 +76,9 @@ pub struct MeshRequest {
     /// Whether depth alone separates fat from muscle even when a CT could; muscle is then the 40 % next to bone.
     #[serde(skip_serializing_if = "is_false")]
     pub tissue_by_depth: bool,
+    /// Whether the lips part: `glued` (default), `auto`, or `{"curve": [[x, y, z], …]}`, mm.
+    #[serde(skip_serializing_if = "MouthDocument::is_default")]
+    pub mouth: MouthDocument,
     /// Id of the osteotomy whose segments will move.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub osteotomy: Option<Uuid>,
@@ -38,7 +91,15 @@ fn is_false(value: &bool) -> bool {
 impl Default for MeshRequest {
     fn default() -> Self {
         let MeshSettings { skin_thickness_mm, edge_mm, depth_mm, .. } = MeshSettings::default();
-        Self { skin_thickness_mm, edge_mm, depth_mm, region: None, tissue_by_depth: false, osteotomy: None }
+        Self {
+            skin_thickness_mm,
+            edge_mm,
+            depth_mm,
+            region: None,
+            tissue_by_depth: false,
+            mouth: MouthDocument::Glued,
+            osteotomy: None,
+        }
     }
 }
 
@@ -56,6 +117,7 @@ impl MeshRequest {
         if let Some(region) = self.region {
             check.bounds("/region", region);
         }
+        self.mouth.check(&mut check);
         check.finish()?;
         Ok(self)
     }
@@ -63,7 +125,7 @@ impl MeshRequest {
     /// Whether both give the same mesh for the same cuts.
     #[must_use]
     pub fn meshes_like(&self, other: &Self) -> bool {
-        Self { osteotomy: None, ..*self } == Self { osteotomy: None, ..*other }
+        Self { osteotomy: None, ..self.clone() } == Self { osteotomy: None, ..other.clone() }
     }
 }
 
@@ -73,6 +135,7 @@ impl From<&MeshRequest> for TissueSettings {
             mesh: MeshSettings { skin_thickness_mm: r.skin_thickness_mm, edge_mm: r.edge_mm, depth_mm: r.depth_mm },
             region: r.region.as_ref().map(Aabb::from),
             tissue_by_depth: r.tissue_by_depth,
+            mouth: (&r.mouth).into(),
         }
     }
 }
@@ -143,5 +206,37 @@ impl MeshDocument {
             tissue_from_ct: r.tissue_from_ct,
             findings: r.warnings.iter().cloned().collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mouth_has_three_forms_and_no_form_changes_a_request_without_it() {
+        let read = |text: &str| serde_json::from_str::<MeshRequest>(text);
+        let mouth = |text: &str| read(text).map(|r| r.mouth).ok();
+        assert_eq!(mouth(r#"{"mouth": "glued"}"#), Some(MouthDocument::Glued));
+        assert_eq!(mouth(r#"{"mouth": "auto"}"#), Some(MouthDocument::Auto));
+        let curve = r#"{"mouth": {"curve": [[-20, -90, 1], [0, -95, 2], [20, -90, 1]]}}"#;
+        let points = vec![[-20.0, -90.0, 1.0], [0.0, -95.0, 2.0], [20.0, -90.0, 1.0]];
+        assert_eq!(mouth(curve), Some(MouthDocument::Curve(points)));
+        assert_eq!(mouth(r#"{"mouth": "open"}"#), None);
+        assert!(!serde_json::to_string(&MeshRequest::default()).is_ok_and(|text| text.contains("mouth")));
+        assert!(read(curve).is_ok_and(|r| r.checked().is_ok()));
+    }
+
+    #[test]
+    fn a_curve_that_turns_back_or_is_too_short_is_refused() {
+        let pointers = |points: Vec<[f64; 3]>| {
+            let request = MeshRequest { mouth: MouthDocument::Curve(points), ..MeshRequest::default() };
+            let faults = request.checked().map_or_else(|fault| fault.errors, |_| Vec::new());
+            faults.into_iter().map(|f| f.pointer).collect::<Vec<_>>()
+        };
+        assert_eq!(pointers(vec![[0.0; 3], [9.0, 0.0, 0.0]]), ["/mouth/curve"]);
+        assert_eq!(pointers(vec![[0.0; 3], [9.0, 0.0, 0.0], [8.0, 0.0, 0.0]]), ["/mouth/curve"]);
+        assert_eq!(pointers(vec![[0.0; 3], [9.0, 2e4, 0.0], [18.0, 0.0, 0.0]]), ["/mouth/curve/1/1"]);
+        assert_eq!(pointers(vec![[18.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0; 3]]), [String::new(); 0]);
     }
 }

@@ -96,6 +96,14 @@ pub trait Engine: Debug + Send + Sync {
     /// [`Halt`].
     fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt>;
 
+    /// The skin at rest that a solve moves: that of the case, or where lips part, with its triangles cut along the mouth.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn skin(&self, run: &Run, _control: &Control) -> Result<TriMesh, Halt> {
+        Ok(run.case.anatomy.skin.clone())
+    }
+
     /// Solves along the plan; reports each step to `watch`.
     ///
     /// # Errors

@@ -230,7 +230,7 @@ impl SessionParts {
     /// As [`SessionParts::field_key`].
     pub fn mesh_key(&self, settings: &MeshRequest, cuts: Option<&[CutDocument]>) -> Result<String, Fault> {
         let landmarks = self.get(PartKind::Landmarks).map_or("", |p| p.key.as_str());
-        let text = to_json("settings of a mesh", &MeshRequest { osteotomy: None, ..*settings })?;
+        let text = to_json("settings of a mesh", &MeshRequest { osteotomy: None, ..settings.clone() })?;
         let cuts = to_json("cuts of a mesh", &cuts)?;
         let field = self.field_key()?;
         let mut made_from = vec!["mesh", &field, landmarks, &text, &cuts];

@@ -17,7 +17,7 @@ use prosopon_planning::evaluate::{self, Clinical, ErrorMap, FaceRegion, Registra
 use prosopon_planning::plan::{
     self, Clearance, Cut, Landmarks, Osteotomy, Path, PathReport, Plan, Proposal, TemplateCuts, TemplateError,
 };
-use prosopon_planning::simulate::{self, CutBone, Fields, Outcome, SimulateError, TissueModel};
+use prosopon_planning::simulate::{self, CutBone, Fields, Mouth, Outcome, SimulateError, TissueModel};
 use prosopon_planning::surface::{self, CtSettings, CtSurfaces};
 use prosopon_tissue::mesh::MeshReport;
 
@@ -259,6 +259,13 @@ impl Engine for Numerics {
 
     fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt> {
         Ok(self.tissue_of(case, request, control)?.report.clone())
+    }
+
+    fn skin(&self, run: &Run, control: &Control) -> Result<TriMesh, Halt> {
+        if run.tissue.settings.mouth == Mouth::Glued {
+            return Ok(run.case.anatomy.skin.clone());
+        }
+        Ok(self.tissue_of(&run.case, &run.tissue, control)?.skin(&run.case.anatomy).clone())
     }
 
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {

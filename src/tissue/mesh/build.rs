@@ -14,12 +14,13 @@ use super::refine::{Refinement, SurfaceFace};
 use super::refined_lattice::RefinedLattice;
 use super::refinement_marks::mark_refinement;
 use super::report::{MeshReport, report};
+use super::slit::{Opened, OpenedSkin, Opening, Slit, close, drop_folded_when_closed};
 use super::smooth::Relaxation;
 use super::stuffing::{TetMesh, lattice_over, refine, stuff};
 use super::tuning::{EDGE_SHARES, FACING_SKIN_COSINE, PASSES, SMOOTHING_ROUNDS};
 use super::{MeshError, MixedMesh};
-use prosopon_geometry::Warning;
 use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Implicit, Warning};
 
 /// Meshes the tissue by isosurface stuffing and adds a layer of prisms under the skin.
 ///
@@ -40,11 +41,29 @@ pub fn build(
     settings: &MeshSettings,
     control: &Control,
 ) -> Result<(MixedMesh, MeshReport), MeshError> {
+    build_parted(domain, None, settings, control)
+}
+
+/// As [`build`], with the lips parted along `slit`.
+///
+/// Prisms stand on both red margins back to the teeth; [`MixedMesh::facing`] holds them. The two sides coincide at rest, with
+/// different nodes. The edge of each lip is rounded, so that closed lips have a groove about a millimetre deep between them.
+///
+/// The report's volume and distance from the skin are those of the tissue opened by a few millimetres, as it is meshed.
+///
+/// # Errors
+/// As [`build`].
+pub fn build_parted(
+    domain: &Domain<'_>,
+    slit: Option<&Slit>,
+    settings: &MeshSettings,
+    control: &Control,
+) -> Result<(MixedMesh, MeshReport), MeshError> {
     settings.check()?;
     let mut first = None;
     for share in EDGE_SHARES {
         let tried = MeshSettings { edge_mm: share * settings.edge_mm, ..*settings };
-        match build_once(domain, &tried, control) {
+        match build_once(domain, slit, &tried, control) {
             Err(error @ MeshError::Inverted { .. }) => {
                 first.get_or_insert(error);
             }
@@ -81,10 +100,37 @@ struct Draft<'a, 'd> {
 
 fn build_once(
     domain: &Domain<'_>,
+    slit: Option<&Slit>,
     settings: &MeshSettings,
     control: &Control,
 ) -> Result<(MixedMesh, MeshReport), MeshError> {
-    let plain = InnerTissue::new(domain, settings);
+    let Some(slit) = slit else { return fill(domain, None, settings, control) };
+    let opening = Opening::new(slit, settings.edge_mm);
+    let open = |solid| Opened { solid, opening: &opening };
+    let (skin, bone, air) = (OpenedSkin(open(domain.skin)), open(domain.bone), domain.air.map(open));
+    let air = air.as_ref().map(|air| air as &dyn Implicit);
+    let opened = Domain { skin: &skin, bone: &bone, air, ..*domain };
+    let (mut mesh, mut quality) = fill(&opened, Some(&skin), settings, control)?;
+    close(&mut mesh, &opening, &InnerTissue::new(domain, settings), control)?;
+    let at_rest = report(&mesh, None, 0.0);
+    if at_rest.inverted > 0 {
+        return Err(first_inverted(&mesh, at_rest.inverted));
+    }
+    quality.min_dihedral_deg = at_rest.min_dihedral_deg;
+    quality.max_dihedral_deg = at_rest.max_dihedral_deg;
+    quality.min_scaled_jacobian = at_rest.min_scaled_jacobian;
+    quality.muscle_share = at_rest.muscle_share;
+    Ok((mesh, quality))
+}
+
+/// Meshes a domain, whose skin is `opened` if given.
+fn fill(
+    domain: &Domain<'_>,
+    opened: Option<&OpenedSkin<'_>>,
+    settings: &MeshSettings,
+    control: &Control,
+) -> Result<(MixedMesh, MeshReport), MeshError> {
+    let plain = InnerTissue::new(domain, settings).with_slit(opened);
     let lattice = lattice_over(&plain, settings.edge_mm)?;
     let marks = mark_refinement(&plain, &lattice, control)?;
     let inner = plain.with_thickness(marks.thickness.as_ref());
@@ -99,7 +145,7 @@ fn build_once(
 
     let (mut layer, lost) = draft.extrude(&holes);
     draft.follow_skin(&mut layer, control)?;
-    let prisms = drop_bad_prisms(&draft, &mut layer, lost);
+    let prisms = drop_bad_prisms(&draft, &mut layer, opened.map(|skin| skin.0.opening), lost);
     control.report(0.7);
 
     let loose = keep_large_parts(&mut draft.mesh, &mut layer);
@@ -216,9 +262,15 @@ impl<'a, 'd> Draft<'a, 'd> {
 /// Leaves out the prisms that are badly shaped or off the skin.
 ///
 /// `lost` is the number of faces that got no prism because an outer node was missing; they count as folded.
-fn drop_bad_prisms(draft: &Draft<'_, '_>, layer: &mut PrismLayer, lost: usize) -> LeftOutPrisms {
+fn drop_bad_prisms(
+    draft: &Draft<'_, '_>,
+    layer: &mut PrismLayer,
+    opening: Option<&Opening<'_>>,
+    lost: usize,
+) -> LeftOutPrisms {
     let of = lost + layer.faces.len();
-    let folded = lost + layer.drop_bad(&draft.mesh);
+    let mut folded = lost + layer.drop_bad(&draft.mesh);
+    folded += opening.map_or(0, |opening| drop_folded_when_closed(layer, &draft.mesh, opening));
     LeftOutPrisms { folded, off_skin: layer.drop_off_skin(draft.inner), of }
 }
 

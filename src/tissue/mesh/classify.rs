@@ -150,7 +150,7 @@ fn face_side(shape: &Shape<'_, '_>, nodes: [u32; 3]) -> Side {
 
 /// Tissue from the CT's mean over the tetrahedron.
 /// Where the CT has no value, tissue is muscle near the bone and fat above it.
-fn tissue_at(inner: &InnerTissue<'_>, corners: [Point; 4]) -> Tissue {
+pub(super) fn tissue_at(inner: &InnerTissue<'_>, corners: [Point; 4]) -> Tissue {
     let p = corners.iter().fold(Point::origin(), |s, c| s + c.coords * 0.25);
     if let Some(hu) = inner.domain.soft_tissue {
         let places = corners.iter().map(|c| p + 0.5 * (c - p)).chain([p]);

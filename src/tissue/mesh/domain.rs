@@ -1,4 +1,5 @@
 use super::MeshError;
+use super::slit::OpenedSkin;
 use super::tuning::CARVE_EDGES;
 use prosopon_geometry::{Aabb, Implicit, Point, ScalarGrid, Vector};
 
@@ -136,6 +137,8 @@ pub(super) struct InnerTissue<'a> {
     depth: f64,
     /// Thickness of the layer that is always meshed below the skin layer, mm.
     pub(super) carve: f64,
+    /// The skin, when it is opened along a slit: there is no such layer below the walls of the slit, which end at teeth.
+    opened: Option<&'a OpenedSkin<'a>>,
 }
 
 impl<'a> InnerTissue<'a> {
@@ -147,7 +150,18 @@ impl<'a> InnerTissue<'a> {
             edge: settings.edge_mm,
             depth: settings.depth_mm,
             carve: CARVE_EDGES * settings.edge_mm,
+            opened: None,
         }
+    }
+
+    /// The same tissue, opened along a slit.
+    pub(super) fn with_slit(self, opened: Option<&'a OpenedSkin<'a>>) -> Self {
+        Self { opened, ..self }
+    }
+
+    /// Value of the skin that has the layer which is always meshed, mm; `skin` is the value of the whole skin at `p`.
+    pub(super) fn layer_value(&self, p: &Point, skin: f64) -> f64 {
+        self.opened.map_or(skin, |opened| opened.outer_value(p))
     }
 
     /// The same domain with a skin layer of varying thickness.
@@ -176,7 +190,7 @@ impl<'a> InnerTissue<'a> {
         };
         take(region, Side::Region);
         take(-(skin + self.depth), Side::Depth);
-        let layer = -(skin + thickness + self.carve);
+        let layer = -(self.layer_value(p, skin) + thickness + self.carve);
         if layer > best.0 {
             let (obstacle, side) = self.obstacle(p);
             best = max_by_value(best, (layer.min(-obstacle), side));

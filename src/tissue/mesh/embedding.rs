@@ -18,8 +18,13 @@ pub struct Embedding {
 pub fn embed(skin: &TriMesh, mesh: &MixedMesh, reach_mm: f64) -> Embedding {
     let triangles: Vec<[Point; 3]> =
         mesh.prisms.iter().map(|p| [p[0], p[1], p[2]].map(|i| mesh.positions[i as usize])).collect();
-    let Some(bins) = Bins::of(&triangles, reach_mm) else {
-        return Embedding { anchors: vec![None; skin.positions().len()] };
+    embed_points(skin.positions(), &triangles, reach_mm)
+}
+
+/// As [`embed`], for any points and the outer triangles of the prisms in their order.
+pub(super) fn embed_points(points: &[Point], triangles: &[[Point; 3]], reach_mm: f64) -> Embedding {
+    let Some(bins) = Bins::of(triangles, reach_mm) else {
+        return Embedding { anchors: vec![None; points.len()] };
     };
     let anchor = |p: &Point| -> Option<(u32, [f64; 3])> {
         let mut best: Option<(f64, u32, [f64; 3])> = None;
@@ -32,7 +37,7 @@ pub fn embed(skin: &TriMesh, mesh: &MixedMesh, reach_mm: f64) -> Embedding {
         }
         best.map(|(_, t, weights)| (t, weights))
     };
-    Embedding { anchors: skin.positions().par_iter().map(anchor).collect() }
+    Embedding { anchors: points.par_iter().map(anchor).collect() }
 }
 
 /// Triangles sorted into cubes.
@@ -87,7 +92,7 @@ impl Bins {
 ///
 /// # Source
 /// C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5.
-fn closest_on_triangle(p: &Point, [a, b, c]: &[Point; 3]) -> (Point, [f64; 3]) {
+pub(super) fn closest_on_triangle(p: &Point, [a, b, c]: &[Point; 3]) -> (Point, [f64; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
     let on = |weights: [f64; 3]| {

@@ -11,6 +11,9 @@
 //! 5. Bring the outer faces of the prisms close to the skin (`fit_outer_nodes`, `refine`) and drop small parts (`parts`).
 //! 6. Label nodes, faces and tissue (`classify`), measure the mesh (`report`) and warn of what it lacks (`left_out`).
 //!
+//! With lips that part ([`build_parted`]) all of this is done on tissue that is opened along the slit, and the mesh is closed
+//! again (`slit`).
+//!
 //! All tuning numbers stand in `tuning`.
 
 mod adjacency;
@@ -35,6 +38,7 @@ mod refine;
 mod refined_lattice;
 mod refinement_marks;
 mod report;
+mod slit;
 mod smooth;
 mod stencil;
 mod stuffing;
@@ -50,10 +54,11 @@ mod tuning;
 mod volume;
 
 pub use boundary::{boundary_of, boundary_triangles};
-pub use build::build;
+pub use build::{build, build_parted};
 pub use classify::tie;
 pub use domain::{Domain, MeshSettings, Region};
 pub use embedding::{Embedding, embed};
 pub use error::MeshError;
 pub use mixed_mesh::{Attachment, Facing, MixedMesh, Tissue};
 pub use report::{MeshReport, report};
+pub use slit::{PartedSkin, Slit, SlitError, SlitKnot, embed_parted, part_skin};

@@ -47,7 +47,7 @@ pub(super) fn press(
         let thickness = inner.thickness_at(p);
         let floor = thickness + inner.carve;
         let least = thickness + THINNEST_TISSUE_EDGES * inner.edge;
-        let depth = -inner.domain.skin.value(p);
+        let depth = -inner.layer_value(p, inner.domain.skin.value(p));
         if depth > floor + 0.02 * inner.edge {
             return Move::Stay;
         }

@@ -42,7 +42,7 @@ impl PrismLayer {
     }
 
     /// Corners and outer normals of the prism on face `f`; `None` when an outer node is missing.
-    fn corners(&self, mesh: &TetMesh, face: &[u32; 3]) -> Option<([Point; 6], [Vector; 3])> {
+    pub(super) fn corners(&self, mesh: &TetMesh, face: &[u32; 3]) -> Option<([Point; 6], [Vector; 3])> {
         let [a, b, c] = face.map(|n| self.outer_nodes[n as usize]);
         let (a, b, c) = (a?, b?, c?);
         let [d, e, f] = face.map(|n| mesh.positions[n as usize]);
@@ -193,7 +193,8 @@ impl PrismLayer {
         })
     }
 
-    fn keep(&mut self, wanted: impl Fn(&Self, &[u32; 3]) -> bool) -> usize {
+    /// Keeps the prisms that are `wanted`; returns the number of the others.
+    pub(super) fn keep(&mut self, wanted: impl Fn(&Self, &[u32; 3]) -> bool) -> usize {
         let before = self.faces.len();
         let kept = self.faces.iter().copied().filter(|f| wanted(self, f)).collect();
         self.faces = kept;

@@ -135,3 +135,33 @@ pub(super) const MINOR_POCKET_SHARE: f64 = 0.05;
 pub(super) const MINOR_PRISM_SHARE: f64 = 0.01;
 /// The same for elements of loose parts, as a share of all elements.
 pub(super) const MINOR_PART_SHARE: f64 = 0.01;
+
+// ---- oral slit ----
+
+/// Half opening of the slit while it is meshed, edges. With the prisms of both lips the gap in the lattice is then wider than an
+/// edge. Shown by `slit::tests::lips_are_meshed_apart`.
+pub(super) const OPENING_EDGES: f64 = 0.4;
+/// Height over the slit up to which the opening moves tissue, in half openings. The map then stretches by at most a third.
+pub(super) const OPENING_REACH: f64 = 6.0;
+/// Slope of the half opening towards its ends: walls meet there at 53°, which prisms can line, and closing shears tissue there
+/// by a half.
+pub(super) const OPENING_TAPER: f64 = 0.5;
+/// The slit is fully open up to this far behind the lips, mm, so that inaccurate bone does not leave them joined there.
+pub(super) const PAST_BACK_MM: f64 = 0.5;
+/// Width of the rounded edges between skin and red margins, mm; each takes off a quarter of it. Sharper ones would need prisms
+/// much shorter than a default edge, as the skin's natural roundness has the same size.
+pub(super) const LIP_FILLET_MM: f64 = 1.2;
+/// Outer nodes within this distance of the slit face the other lip, mm: all of the red margin and most of its rounded edge.
+pub(super) const FACING_GAP_MM: f64 = 0.25;
+/// Narrowest mouth that is parted, mm: five edges of the default mesh.
+pub(super) const MIN_SLIT_WIDTH_MM: f64 = 20.0;
+/// Least and greatest thickness of the lips along the slit, mm.
+pub(super) const MIN_SLIT_DEPTH_MM: f64 = 2.0;
+/// See [`MIN_SLIT_DEPTH_MM`].
+pub(super) const MAX_SLIT_DEPTH_MM: f64 = 40.0;
+/// Greatest slope of a slit seen from in front; steeper ones would not open along z.
+pub(super) const MAX_SLIT_BEND: f64 = 1.0;
+/// Skin up to this far in front of the slit's curve is parted too, mm: the curve may lie in a crease.
+pub(super) const BEFORE_FRONT_MM: f64 = 4.0;
+/// New vertices of the skin keep this share of an edge away from its ends.
+pub(super) const SPLIT_END_SHARE: f64 = 0.02;

@@ -44,7 +44,7 @@ pub(super) async fn mesh_of(
     let fitting = meshes.iter().find(|mesh| fits(mesh.cuts.as_deref(), cuts));
     Ok(match (fitting, meshes.first()) {
         (Some(mesh), _) => mesh.clone(),
-        (None, Some(newest)) => MeshChoice { settings: newest.settings, cuts: Some(cuts.to_vec()) },
+        (None, Some(newest)) => MeshChoice { settings: newest.settings.clone(), cuts: Some(cuts.to_vec()) },
         (None, None) => MeshChoice { settings: MeshRequest::default(), cuts: Some(cuts.to_vec()) },
     })
 }

@@ -48,8 +48,6 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     }
     let store = &context.service.store;
     let case = context.case(&parts).await?;
-    let rest = context.put(encode_mesh(&case.anatomy.skin)).await?;
-    context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
     let reference = context.unless_stopped(Reference::load(context, &parts, &request)).await?;
     let settings = request.settings(&case.anatomy.skull)?;
     let after = request.warm_start.as_ref().map(|before| before.earlier()).transpose()?.map(Box::new);
@@ -58,6 +56,15 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     let (cuts, plan) = (stored_cuts(&request.cuts)?, request.plan.plan()?);
     let goes_on = before.as_ref().map(|before| before.checkpoint.clone());
     let run = Run { case, cuts, tissue, plan, settings, after, checkpoint: goes_on };
+    let (run, rest) = context
+        .compute(move |engine, control| {
+            let rest = encode_mesh(&engine.skin(&run, &control.without_progress())?);
+            Ok((run, rest))
+        })
+        .await
+        .map_err(|halt| context.cuts_of(Some(request.osteotomy_id), "/plan", halt))?;
+    let rest = context.put(rest).await?;
+    context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
 
     let (sender, receiver) = mpsc::channel(2);
     let beginning = Beginning { before, compared };
@@ -82,7 +89,7 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     };
     let osteotomy = request.mesh.cuts.is_some().then(|| request.osteotomy_id.to_string());
     let ingredients = Ingredients {
-        mesh: solved.mesh.map(|(report, _)| MeshDocument::new(request.mesh.settings, osteotomy, &report)),
+        mesh: solved.mesh.map(|(report, _)| MeshDocument::new(request.mesh.settings.clone(), osteotomy, &report)),
         mesh_s,
         job: &context.job,
         request: &request,
@@ -114,7 +121,8 @@ async fn compute(
                 regions.clear();
             }
             let in_face = |p| regions.iter().any(|r| r.bounds.contains(p));
-            let mask = run.case.anatomy.skin.positions().iter().map(in_face).collect();
+            let skin = engine.skin(&run, &control.without_progress())?;
+            let mask = skin.positions().iter().map(in_face).collect();
             let cancel = control.stage(0.0, 0.0);
             let watch = SolveWatch::new(engine, cancel, running, steps, beginning);
             let mut watch = SolveWatch { reference, regions, mask, run: Some(&run), ..watch };

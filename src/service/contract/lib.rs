@@ -32,6 +32,7 @@ mod registration;
 mod report;
 mod session;
 mod solve;
+mod statistics;
 mod step;
 mod surface;
 mod tissue;
@@ -51,7 +52,7 @@ pub use cut::{
     CutDocument, CutSurfaceDocument, FreePartDocument, PlaneBoundsDocument, PlaneDocument, PolylineDocument,
     PurposeDocument, stored_cuts,
 };
-pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
+pub use error_map::{ErrorDocument, HistogramBin};
 pub use fault::{Fault, FaultKind, FieldFault, Halt};
 pub use fault_from::{chain, import_fault};
 pub use field::{
@@ -82,6 +83,7 @@ pub use registration::RegistrationDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
 pub use session::{CreateSession, MAX_STEPS, SessionSettings};
 pub use solve::{Budget, ModelName, OutputName, SolveRequest, SolverOptions};
+pub use statistics::StatisticsDocument;
 pub use step::{LeftOutDocument, ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
 pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};
 pub use tissue::TissueDocument;

@@ -28,6 +28,7 @@ mod profile;
 mod report;
 mod report_clinical;
 mod report_page;
+mod report_table;
 mod results;
 mod sessions;
 mod step_surface;

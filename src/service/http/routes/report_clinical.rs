@@ -4,7 +4,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
-use super::report_page::{mm, table};
+use super::report_table::{mm, table};
 use prosopon_contract::{BeforeAfterDocument, ClinicalDocument, ErrorDocument, NamedPointDocument, StatisticsDocument};
 use prosopon_session::profile_picture;
 

@@ -3,6 +3,7 @@ use base64::engine::general_purpose::STANDARD;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::report_clinical::{beside_baselines, clinical};
+use super::report_table::{mm, table};
 use crate::http::Problem;
 use prosopon_contract::{
     AttachedDocument, ErrorDocument, Findings, PathSample, PlanDocument, ReportDocument, SeverityName, from_json,
@@ -203,41 +204,5 @@ fn mesh(r: &ReportDocument) -> Option<String> {
             t.nodes, t.tetrahedra, t.wedges, t.sliding_nodes
         )),
         (None, None) => None,
-    }
-}
-
-/// A table with a title; nothing without rows.
-pub(super) fn table(title: &str, names: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Markup {
-    let mut rows = rows.into_iter().peekable();
-    html! {
-        @if rows.peek().is_some() {
-            h2 { (title) }
-            table {
-                tr { @for name in names { th { (name) } } }
-                @for row in rows { tr { @for cell in row { td { (cell) } } } }
-            }
-        }
-    }
-}
-
-/// Formats a length to 0.01 mm, without a negative zero.
-pub(super) fn mm(value: f64) -> String {
-    let text = format!("{value:.2}");
-    if text == "-0.00" { "0.00".to_owned() } else { text }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nothing_moves_by_minus_zero() {
-        assert_eq!([mm(-0.004), mm(0.0), mm(-0.006)], ["0.00", "0.00", "-0.01"]);
-    }
-
-    #[test]
-    fn text_cannot_become_markup() {
-        let page = table("<script>\"&\"", &["a"], [vec!["<b>".to_owned()]]).into_string();
-        assert!(page.contains("&lt;script&gt;&quot;&amp;&quot;") && page.contains("&lt;b&gt;"), "{page}");
     }
 }

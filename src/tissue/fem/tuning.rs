@@ -174,8 +174,9 @@ pub(super) const FACING_POINTS_PER_EDGE: usize = 4;
 /// Triangles can touch when the cosine between their normals is below this: the sides of an opened slit, seen past its end, do
 /// not.
 pub(super) const FACING_COSINE: f64 = 0.0;
-/// The corners of a triangle may lie deeper than its points by this factor
-/// (`lips_close_open_and_slide_without_overlap_and_in_balance`).
+/// The corners of a triangle may lie deeper than its points by about this factor
+/// (`lips_close_open_and_slide_without_overlap_and_in_balance`: up to 3.5); on sharp ridges by more
+/// (`a_groove_closes_on_its_shoulders`).
 pub(super) const DEPTH_BETWEEN_POINTS: f64 = 2.0;
 /// Largest stiffness with which an edge or corner holds a point aside, in units of the contact stiffness.
 pub(super) const STIFFEST_EDGE: f64 = 10.0;

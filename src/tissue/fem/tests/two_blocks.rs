@@ -135,21 +135,19 @@ pub(super) fn overlap_mm(mesh: &MixedMesh, now: &[Point], n: usize) -> f64 {
     deepest
 }
 
-/// Depth of `p` below the nearest of the triangles on which it projects, mm; 0 when it is outside.
+/// Depth of `p` below the nearest of the triangles on which it projects, mm; 0 when it is outside, or when that triangle shares a
+/// node with its `own`.
 fn depth_in(side: &[[u32; 3]], own: &[u32; 3], now: &[Point], p: &Vector, outward: &Vector) -> f64 {
-    let mut nearest = f64::INFINITY;
+    let (mut nearest, mut is_neighbour) = (f64::INFINITY, false);
     for t in side {
-        if t.iter().any(|n| own.contains(n)) {
-            continue;
-        }
         let [a, b, c] = t.map(|i| now[i as usize].coords);
         let normal = (b - a).cross(&(c - a));
         let on_edge = |from: &Vector, to: &Vector| normal.dot(&(to - from).cross(&(p - from))) >= 0.0;
         let projects = on_edge(&a, &b) && on_edge(&b, &c) && on_edge(&c, &a);
         let height = normal.normalize().dot(&(p - a));
         if projects && normal.dot(outward) < 0.0 && height.abs() < nearest.abs() {
-            nearest = height;
+            (nearest, is_neighbour) = (height, t.iter().any(|n| own.contains(n)));
         }
     }
-    if nearest < 0.0 { (-nearest).min(f64::MAX) } else { 0.0 }
+    if nearest < 0.0 && !is_neighbour { -nearest } else { 0.0 }
 }

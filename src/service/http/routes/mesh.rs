@@ -29,7 +29,7 @@ pub(in crate::http) async fn build(
     let settings = request.checked()?;
     let defaults = session_settings(&state, session).await?;
     parts.require_field()?;
-    let osteotomy_id = request.osteotomy.map(OsteotomyId::from);
+    let osteotomy_id = settings.osteotomy.map(OsteotomyId::from);
     let cuts = match osteotomy_id {
         Some(id) => Some(current_osteotomy(&state, &parts, session, id, "/osteotomy").await?.1.cuts),
         None => None,

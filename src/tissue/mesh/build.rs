@@ -10,6 +10,7 @@ use super::parts::keep_large_parts;
 use super::pockets::{Pockets, leave_out_pockets};
 use super::press::press;
 use super::prisms::PrismLayer;
+use super::quality::smallest_sine;
 use super::refine::{Refinement, SurfaceFace};
 use super::refined_lattice::RefinedLattice;
 use super::refinement_marks::mark_refinement;
@@ -17,7 +18,7 @@ use super::report::{MeshReport, report};
 use super::slit::{Opened, OpenedSkin, Opening, Slit, close, drop_folded_when_closed};
 use super::smooth::Relaxation;
 use super::stuffing::{TetMesh, lattice_over, refine, stuff};
-use super::tuning::{EDGE_SHARES, FACING_SKIN_COSINE, PASSES, SMOOTHING_ROUNDS};
+use super::tuning::{EDGE_SHARES, FACING_SKIN_COSINE, FLATTEST_CLOSED_SINE, PASSES, SMOOTHING_ROUNDS};
 use super::{MeshError, MixedMesh};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Implicit, Warning};
@@ -115,6 +116,12 @@ fn build_once(
     let at_rest = report(&mesh, None, 0.0);
     if at_rest.inverted > 0 {
         return Err(first_inverted(&mesh, at_rest.inverted));
+    }
+    let corners = |t: &[u32; 4]| t.map(|n| mesh.positions[n as usize]);
+    let flat: Vec<_> = mesh.tetrahedra.iter().filter(|t| smallest_sine(&corners(t)) < FLATTEST_CLOSED_SINE).collect();
+    if let Some(first) = flat.first() {
+        let centre = nalgebra::center(&corners(first)[0], &corners(first)[2]);
+        return Err(MeshError::Inverted { count: flat.len(), x: centre.x, y: centre.y, z: centre.z });
     }
     quality.min_dihedral_deg = at_rest.min_dihedral_deg;
     quality.max_dihedral_deg = at_rest.max_dihedral_deg;

@@ -165,3 +165,5 @@ pub(super) const MAX_SLIT_BEND: f64 = 1.0;
 pub(super) const BEFORE_FRONT_MM: f64 = 4.0;
 /// New vertices of the skin keep this share of an edge away from its ends.
 pub(super) const SPLIT_END_SHARE: f64 = 0.02;
+/// A tetrahedron with a smaller sine after the slit is closed counts as inverted: it would fold under the first load. (2°)
+pub(super) const FLATTEST_CLOSED_SINE: f64 = 0.035;

@@ -59,8 +59,8 @@ fn ends_added(front: &Front, mut curve: Vec<Point>, ends: [usize; 2], path: &[us
     };
     let [right, left] = ends.map(at);
     curve.retain(|p| right.is_none_or(|r| p.x > r.x + PIXEL_MM) && left.is_none_or(|l| p.x < l.x - PIXEL_MM));
-    // Every fourth place is enough for a smooth curve.
-    let inner: Vec<Point> = curve.iter().copied().skip(3).step_by(4).collect();
+    // One place every 4 mm is enough for a curve that is averaged over twice that length.
+    let inner: Vec<Point> = curve.iter().copied().skip(7).step_by(8).collect();
     right.into_iter().chain(inner).chain(left).collect()
 }
 

@@ -123,22 +123,32 @@ fn behind(face: &Face<'_>, curve: &[Point]) -> Result<(Slit, Vec<Warning>), Reas
     let mut warnings = Vec::new();
     if (hits as f64) < MIN_HITS * depths.len() as f64 {
         let message = format!(
-            "behind {} of {} places between the lips neither teeth nor air were found within {MAX_DEPTH_MM} mm; the lips are \
-             taken to be as thick as beside them, or {DEFAULT_DEPTH_MM} mm",
+            "behind {} of {} places between the lips neither teeth nor air were found {LEAST_DEPTH_MM} to {MAX_DEPTH_MM} mm \
+             away; the lips are taken to be as thick as beside them, or {DEFAULT_DEPTH_MM} mm",
             depths.len() - hits,
             depths.len()
         );
         warnings.push(Warning::check("mouth-depth", message).act("Check the surfaces of the teeth."));
     }
     let half = (MEDIAN_HALF_MM / KNOT_STEP_MM).ceil() as usize;
+    let window = |i: usize| i.saturating_sub(half)..(i + half + 1).min(depths.len());
+    let backs: Vec<f64> = along
+        .iter()
+        .enumerate()
+        .map(|(i, p)| p.y + median(&depths[window(i)]).unwrap_or(DEFAULT_DEPTH_MM).max(LEAST_DEPTH_MM))
+        .collect();
+    // Steps of the median would shear the mesh.
     let knots = along.iter().enumerate().map(|(i, p)| {
-        let around = &depths[i.saturating_sub(half)..(i + half + 1).min(depths.len())];
-        SlitKnot { front: *p, back_y: p.y + median(around).unwrap_or(DEFAULT_DEPTH_MM).max(LEAST_DEPTH_MM) }
+        let around = &backs[window(i)];
+        let mean = around.iter().sum::<f64>() / around.len() as f64;
+        SlitKnot { front: *p, back_y: mean.max(p.y + LEAST_DEPTH_MM) }
     });
     Ok((Slit::new(knots.collect()).map_err(|e| e.to_string())?, warnings))
 }
 
-/// Distance straight back from a point between the lips to the first bone or air; `None` beyond the greatest depth.
+/// Distance straight back from a point between the lips to the first bone or air.
+///
+/// `None` beyond the greatest depth, and where bone is nearer than the thinnest lips: that is a streak of dental metal.
 fn depth(face: &Face<'_>, p: &Point) -> Option<f64> {
     let is_hit = |s: f64| {
         let q = Point::new(p.x, p.y + s, p.z);
@@ -146,7 +156,8 @@ fn depth(face: &Face<'_>, p: &Point) -> Option<f64> {
     };
     let steps = (MAX_DEPTH_MM / DEPTH_STEP_MM) as u32;
     let first = (LEAST_DEPTH_MM / DEPTH_STEP_MM) as u32;
-    (first..=steps).map(|i| f64::from(i) * DEPTH_STEP_MM).find(|s| is_hit(*s))
+    let hit = (first..=steps).map(|i| f64::from(i) * DEPTH_STEP_MM).find(|s| is_hit(*s));
+    hit.filter(|s| *s > LEAST_DEPTH_MM)
 }
 
 fn median(values: &[Option<f64>]) -> Option<f64> {

@@ -44,8 +44,8 @@ pub(super) const USUAL_HALF_WIDTH_MM: f64 = 25.0;
 pub(super) const HALF_WIDTH_MM: [f64; 2] = [14.0, 32.0];
 /// One half of a mouth is at most this many times as wide as the other.
 pub(super) const MAX_UNEVEN: f64 = 1.6;
-/// Half length over which the curve is averaged.
-pub(super) const SMOOTH_HALF_MM: f64 = 2.0;
+/// Half length over which the curve is averaged, an edge of the default mesh: the print of a mask makes it waver.
+pub(super) const SMOOTH_HALF_MM: f64 = 4.0;
 
 // Slit.
 

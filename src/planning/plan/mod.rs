@@ -26,10 +26,11 @@ mod separation;
 mod shape;
 mod sheet;
 mod solid;
+mod teeth;
 mod template;
 mod tuning;
 
-pub use arch::{DentalArch, Teeth};
+pub use arch::DentalArch;
 pub use autorotate::CondylarAxis;
 pub use bridge::Bridge;
 pub use clearance::{Clearance, Protected, clearances};
@@ -40,6 +41,7 @@ pub use osteotomy::{Osteotomy, Segment};
 pub use path::{Path, Plan};
 pub use propose::{Proposal, propose};
 pub use shape::{BoundedPlane, Cut, CutShape, Purpose};
+pub use teeth::Teeth;
 pub use template::{Landmarks, Template, TemplateCall, TemplateCuts, TemplateError, le_fort_1};
 
 use prosopon_geometry::control::Cancelled;

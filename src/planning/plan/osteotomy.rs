@@ -1,6 +1,7 @@
 //! Bone cut into segments.
 
-use super::{Cut, DentalArch, Purpose};
+use super::arch::DentalArch;
+use super::shape::{Cut, Purpose};
 use prosopon_geometry::{Point, TriMesh, Warning};
 
 /// A piece of bone.

@@ -1,7 +1,7 @@
 //! The modelling choices that the study changes.
 
 use prosopon_planning::simulate::{
-    AttachmentRules, Beyond, LEAVE_OUT_BELOW_MM, NodeClass, RunSettings, TissueSettings,
+    AttachmentRules, Beyond, LEAVE_OUT_BELOW_MM, Mouth, NodeClass, RunSettings, TissueSettings,
 };
 use prosopon_tissue::fem::material::{Material, Materials};
 use prosopon_tissue::fem::{Locking, Model, Preset, SolveSettings};
@@ -58,6 +58,7 @@ pub(super) fn choices() -> Vec<Choice> {
         choice("stripped bone: 18 mm", |c| c.rules().stripped_mm = Some(18.0)),
         choice("saw line: glides", |c| c.rules().saw_line = NodeClass::Gliding),
         choice("gliding: lets go at 1 kPa", |c| c.rules().pull_off_mpa = Some(1e-3)),
+        choice("lips: part", |c| c.tissue.mouth = Mouth::Auto),
         choice("neck: a wall", |c| c.rules().beyond = Beyond::Wall),
         choice("all: pushed only, 6 mm", |c| {
             c.rules().beyond = Beyond::Wall;

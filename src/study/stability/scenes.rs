@@ -134,6 +134,7 @@ pub(super) fn all() -> Result<Vec<HardScene>, BenchError> {
     scenes.push(thin_bone());
     scenes.extend(dirty_bones()?);
     scenes.extend(moved_lips());
+    scenes.push(glided());
     for (name, reading) in [
         ("Poisson ratio", D1Reading::PoissonRatio),
         ("2/K in 1/MPa", D1Reading::PerMpa),
@@ -143,6 +144,20 @@ pub(super) fn all() -> Result<Vec<HardScene>, BenchError> {
     }
     scenes.push(published("Poisson ratio, stabilised", D1Reading::PoissonRatio, UnstableMaterial::Stabilise));
     Ok(scenes)
+}
+
+/// Tissue glides on a plate that is drawn 10 mm aside under it, so that the plate's edge passes below tissue that it holds.
+fn glided() -> HardScene {
+    let plate = Plate { half_width_mm: 14.0, thickness_mm: 12.0, edge_radius_mm: 3.0 };
+    let mut mesh = BLOCK.over_a_patch(-1.0, 16.0);
+    for (p, a) in mesh.positions.iter().zip(&mut mesh.attachment) {
+        if p.z == 0.0 && p.x.abs().max(p.y.abs()) < 10.0 {
+            *a = Attachment::Gliding(1);
+        }
+    }
+    let path: BonePath = Arc::new(|t| vec![(1, Motion::translation(10.0 * t, 0.0, 1.0 * t))]);
+    let setup = Setup { bodies: vec![(1, Arc::new(plate))], ..setup(mesh, path) };
+    scene("gliding over an edge, 10 mm", 10.0, setup, other(|_| {}), CONTACT_MM)
 }
 
 /// The patch turns about the vertical axis.

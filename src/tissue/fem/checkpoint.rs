@@ -4,6 +4,7 @@ use super::contact::PairIndex;
 use super::equations::Equations;
 use super::error::SolveError;
 use super::factor_origin::{FactorOrigin, numbers, vectors};
+use super::flags::{flags, pairs};
 use super::solver::Solver;
 use super::springs::SpringMemory;
 use super::state::PathPoint;
@@ -69,20 +70,6 @@ pub fn motion_numbers(motion: &Motion) -> MotionNumbers {
 #[must_use]
 pub fn motion_of_numbers([x, y, z, i, j, k, w]: MotionNumbers) -> Motion {
     Motion::from_parts(Translation3::new(x, y, z), UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k)))
-}
-
-/// Indices of the flags that are set.
-pub(super) fn pairs(flags: &[bool]) -> Vec<u64> {
-    flags.iter().enumerate().filter(|(_, set)| **set).map(|(pair, _)| pair as u64).collect()
-}
-
-/// `n` flags with those of `pairs` set; `None` when an index is out of range.
-pub(super) fn flags(pairs: &[u64], n: usize) -> Option<Vec<bool>> {
-    let mut flags = vec![false; n];
-    for pair in pairs {
-        *flags.get_mut(usize::try_from(*pair).ok()?)? = true;
-    }
-    Some(flags)
 }
 
 impl Solver<'_> {

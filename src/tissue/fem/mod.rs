@@ -68,6 +68,7 @@ mod error;
 mod factor;
 mod factor_origin;
 mod failure;
+mod flags;
 mod line_search;
 mod linear_solve;
 pub mod material;

@@ -15,9 +15,9 @@ pub(super) use points::{SpringPoint, points};
 use smooth::Smooth;
 
 use super::assembly::Pattern;
-use super::checkpoint::flags;
 use super::dofs::Dofs;
 use super::error::SolveError;
+use super::flags::flags;
 use super::settings::ContactBody;
 use super::tuning::{BEND_SHARE, RETRACTIONS, SPRINGS_PER_TASK};
 use nalgebra::Matrix3;

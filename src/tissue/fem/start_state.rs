@@ -1,7 +1,7 @@
 //! An equilibrium kept as the start of another path.
 
-use super::checkpoint::{flags, pairs};
 use super::error::SolveError;
+use super::flags::{flags, pairs};
 use super::solver::Solver;
 use super::state::PathPoint;
 use prosopon_geometry::{Motion, Vector};

@@ -27,6 +27,9 @@ pub struct TissueDocument {
     pub free_nodes: usize,
     /// Number of points that slide on bone.
     pub sliding_nodes: usize,
+    /// Number of points that glide on each segment; left out when there are none.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub gliding_nodes: BTreeMap<u32, usize>,
     /// Number of points tied to each segment; segment 0 is fixed.
     pub tied_nodes: BTreeMap<u32, usize>,
     /// Number of points that `fixed_mask` holds along some axes.
@@ -55,10 +58,12 @@ impl TissueDocument {
         for tissue in mesh.tetrahedron_tissue.iter().copied().chain(of_prisms) {
             *tissues.entry(tissue.name().to_owned()).or_insert(0) += 1;
         }
-        let mut tied_nodes = BTreeMap::new();
+        let (mut tied_nodes, mut gliding_nodes) = (BTreeMap::new(), BTreeMap::new());
         for attachment in &mesh.attachment {
-            if let Attachment::Tied(segment) = attachment {
-                *tied_nodes.entry(*segment).or_insert(0) += 1;
+            match attachment {
+                Attachment::Tied(segment) => *tied_nodes.entry(*segment).or_insert(0) += 1,
+                Attachment::Gliding(segment) => *gliding_nodes.entry(*segment).or_insert(0) += 1,
+                Attachment::Free | Attachment::Sliding | Attachment::Fixed => {}
             }
         }
         let count = |wanted: Attachment| mesh.attachment.iter().filter(|a| **a == wanted).count();
@@ -75,6 +80,7 @@ impl TissueDocument {
             tissues,
             free_nodes: count(Attachment::Free),
             sliding_nodes: count(Attachment::Sliding),
+            gliding_nodes,
             tied_nodes,
             held_nodes: ready.boundary.held_axes.iter().filter(|bits| **bits != 0).count(),
             loaded_nodes: ready.boundary.loads_n.iter().filter(|f| f.norm() > 0.0).count(),

@@ -203,7 +203,7 @@ async fn unusable_tissue_meshes_and_jobs_are_refused() {
     let problem = app.post(&format!("{session}/plans"), json!({"paths": up(1.0)})).await.problem(409, "missing-input");
     assert_eq!(problem["missing"], json!(["tissue"]));
     app.upload(&tissue, b"not a mesh".to_vec()).await.problem(422, "mesh-not-usable");
-    let problem = app.upload(&tissue, slab(-3.0)).await.problem(422, "mesh-not-usable");
+    let problem = app.upload(&tissue, slab(-2.5)).await.problem(422, "mesh-not-usable");
     assert_eq!(problem["errors"][0]["pointer"], "/tissue");
     assert!(problem["detail"].as_str().unwrap().contains("attachment"), "{problem}");
     app.get(&tissue).await.problem(404, "not-found");

@@ -1,3 +1,4 @@
+use super::cartilage::place_cartilage;
 use super::tuning::{BEHIND_BACK_MM, BEHIND_FRONT_MM, EMBED_REACH_MM, REGION_REACH_MM, REGION_SLACK_MM};
 use super::{Anatomy, CutBone, Fields, SimulateError};
 use crate::plan::{DentalArch, propose};
@@ -6,7 +7,7 @@ use prosopon_geometry::{Aabb, Implicit, Point, Warning};
 use prosopon_tissue::mesh::{Domain, Embedding, MeshReport, MeshSettings, MixedMesh, Region, build, embed};
 
 /// Settings of [`build_tissue`].
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TissueSettings {
     /// Edge lengths and layers of the mesh.
     pub mesh: MeshSettings,
@@ -14,6 +15,14 @@ pub struct TissueSettings {
     pub region: Option<Aabb>,
     /// Distinguishes fat from muscle by depth alone, also where CT values are known.
     pub tissue_by_depth: bool,
+    /// Places cartilage in the nose by its landmarks.
+    pub cartilage: bool,
+}
+
+impl Default for TissueSettings {
+    fn default() -> Self {
+        Self { mesh: MeshSettings::default(), region: None, tissue_by_depth: false, cartilage: true }
+    }
 }
 
 /// The tissue of one face at rest.
@@ -51,13 +60,17 @@ pub fn build_tissue(
         soft_tissue: anatomy.soft_tissue.as_ref().filter(|_| !settings.tissue_by_depth),
         region: &region,
     };
-    let (mesh, report) = build(&domain, &settings.mesh, &control.stage(0.0, 0.95))?;
+    let (mut mesh, mut report) = build(&domain, &settings.mesh, &control.stage(0.0, 0.95))?;
     let embedding = embed(&anatomy.skin, &mesh, EMBED_REACH_MM);
     control.report(1.0);
-    let arch = match bone.and_then(|b| b.osteotomy.arch) {
-        Some(_) => None,
-        None => DentalArch::proposed(&anatomy.skull, &propose(&anatomy.skin, &anatomy.skull)),
-    };
+    let needs_arch = bone.is_none_or(|b| b.osteotomy.arch.is_none());
+    let proposal = (needs_arch || settings.cartilage).then(|| propose(&anatomy.skin, &anatomy.skull));
+    let arch = proposal.as_ref().filter(|_| needs_arch).and_then(|p| DentalArch::proposed(&anatomy.skull, p));
+    if let Some(proposal) = proposal.filter(|_| settings.cartilage) {
+        let placed = place_cartilage(&mut mesh, anatomy, &proposal, &fields.skin, &settings.mesh);
+        report.cartilage = placed.tetrahedra;
+        report.warnings.extend(placed.warning);
+    }
     Ok(TissueModel { mesh, report, embedding, arch })
 }
 

@@ -26,6 +26,8 @@ pub struct MeshRequest {
     /// Whether depth alone separates fat from muscle even when a CT could; muscle is then the 40 % next to bone.
     #[serde(skip_serializing_if = "is_false")]
     pub tissue_by_depth: bool,
+    /// Whether the nose has cartilage, placed by its landmarks; true by default.
+    pub cartilage: bool,
     /// Id of the osteotomy whose segments will move.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub osteotomy: Option<Uuid>,
@@ -38,7 +40,15 @@ fn is_false(value: &bool) -> bool {
 impl Default for MeshRequest {
     fn default() -> Self {
         let MeshSettings { skin_thickness_mm, edge_mm, depth_mm, .. } = MeshSettings::default();
-        Self { skin_thickness_mm, edge_mm, depth_mm, region: None, tissue_by_depth: false, osteotomy: None }
+        Self {
+            skin_thickness_mm,
+            edge_mm,
+            depth_mm,
+            region: None,
+            tissue_by_depth: false,
+            cartilage: true,
+            osteotomy: None,
+        }
     }
 }
 
@@ -73,6 +83,7 @@ impl From<&MeshRequest> for TissueSettings {
             mesh: MeshSettings { skin_thickness_mm: r.skin_thickness_mm, edge_mm: r.edge_mm, depth_mm: r.depth_mm },
             region: r.region.as_ref().map(Aabb::from),
             tissue_by_depth: r.tissue_by_depth,
+            cartilage: r.cartilage,
         }
     }
 }
@@ -110,9 +121,12 @@ pub struct MeshDocument {
     pub max_skin_distance_mm: f64,
     /// Number of outer edges with more than two boundary faces.
     pub non_manifold_edges: usize,
-    /// Share of muscle in the volume below the skin layer, 0 to 1; the rest is fat.
+    /// Share of muscle in the volume below the skin layer before cartilage is placed, 0 to 1; the rest is fat.
     #[serde(default)]
     pub muscle_share: f64,
+    /// Number of tetrahedra of nasal cartilage.
+    #[serde(default)]
+    pub cartilage: usize,
     /// Whether the CT separated fat from muscle; otherwise depth did.
     #[serde(default)]
     pub tissue_from_ct: bool,
@@ -140,6 +154,7 @@ impl MeshDocument {
             max_skin_distance_mm: r.max_skin_distance_mm,
             non_manifold_edges: r.nonmanifold_edges,
             muscle_share: r.muscle_share,
+            cartilage: r.cartilage,
             tissue_from_ct: r.tissue_from_ct,
             findings: r.warnings.iter().cloned().collect(),
         }

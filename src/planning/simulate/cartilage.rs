@@ -37,7 +37,7 @@ pub(super) fn place_cartilage(
         Err(why) => {
             let message = format!("the nose has no cartilage: {why}");
             let action =
-                "Set the landmarks `pronasale`, `subnasale`, `ans` and `nasal_bone_tip`, or send `cartilage: false`.";
+                "Set the landmarks `pronasale`, `subnasale`, `ans` and `nasal_bone_tip`, or leave `cartilage` out.";
             Placed { tetrahedra: 0, warning: Some(Warning::check("cartilage-not-placed", message).act(action)) }
         }
     }

@@ -7,7 +7,7 @@ use prosopon_geometry::{Aabb, Implicit, Point, Warning};
 use prosopon_tissue::mesh::{Domain, Embedding, MeshReport, MeshSettings, MixedMesh, Region, build, embed};
 
 /// Settings of [`build_tissue`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct TissueSettings {
     /// Edge lengths and layers of the mesh.
     pub mesh: MeshSettings,
@@ -16,13 +16,9 @@ pub struct TissueSettings {
     /// Distinguishes fat from muscle by depth alone, also where CT values are known.
     pub tissue_by_depth: bool,
     /// Places cartilage in the nose by its landmarks.
+    ///
+    /// Off by default: the alae that it places turn the tip up further (see the tests of `cartilage.rs`).
     pub cartilage: bool,
-}
-
-impl Default for TissueSettings {
-    fn default() -> Self {
-        Self { mesh: MeshSettings::default(), region: None, tissue_by_depth: false, cartilage: true }
-    }
 }
 
 /// The tissue of one face at rest.

@@ -26,7 +26,8 @@ pub struct MeshRequest {
     /// Whether depth alone separates fat from muscle even when a CT could; muscle is then the 40 % next to bone.
     #[serde(skip_serializing_if = "is_false")]
     pub tissue_by_depth: bool,
-    /// Whether the nose has cartilage, placed by its landmarks; true by default.
+    /// Whether the nose has cartilage, placed by its landmarks; false by default.
+    #[serde(skip_serializing_if = "is_false")]
     pub cartilage: bool,
     /// Id of the osteotomy whose segments will move.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -46,7 +47,7 @@ impl Default for MeshRequest {
             depth_mm,
             region: None,
             tissue_by_depth: false,
-            cartilage: true,
+            cartilage: false,
             osteotomy: None,
         }
     }

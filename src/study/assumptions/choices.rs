@@ -80,8 +80,9 @@ pub(super) fn choices() -> Vec<Choice> {
         }),
         choice("skin layer: 1 mm", |c| c.tissue.mesh.skin_thickness_mm = 1.0),
         choice("skin layer: 2.5 mm", |c| c.tissue.mesh.skin_thickness_mm = 2.5),
-        choice("nose: no cartilage", |c| c.tissue.cartilage = false),
-        choice("cartilage: three times as stiff", |c| {
+        choice("nose: cartilage", |c| c.tissue.cartilage = true),
+        choice("nose: cartilage of 3 MPa", |c| {
+            c.tissue.cartilage = true;
             c.run.solver.materials.cartilage = changed(c.run.solver.materials.cartilage, 3.0, None);
         }),
         choice("tissue by depth", |c| c.tissue.tissue_by_depth = true),

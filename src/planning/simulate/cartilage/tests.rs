@@ -87,9 +87,10 @@ fn cartilage_lies_in_the_nose_alike_on_both_sides_and_off_leaves_the_mesh_alone(
     assert!(reset == plain, "only the tissue of tetrahedra changes");
 }
 
-/// The phantom's upper jaw 6 mm forward, on a coarse mesh: how far the tip of the nose goes, mm.
+/// The phantom's upper jaw 6 mm forward, on a coarse mesh: the septum, which hangs from the nasal bones, holds the tip down a
+/// little; the alae, which the jaw carries, turn it up more than soft tissue does. That is why cartilage is off by default.
 #[test]
-fn cartilage_keeps_the_tip_from_turning_up() {
+fn the_septum_holds_the_tip_down_and_the_alae_turn_it_up() {
     let head = phantom::head();
     let anatomy = anatomy(&head);
     let fields = fields(&anatomy);
@@ -119,40 +120,19 @@ fn cartilage_keeps_the_tip_from_turning_up() {
     let plain = tissue.mesh.tetrahedron_tissue.clone();
     let proposal = propose(&anatomy.skin, &anatomy.skull);
     let nose = NoseLandmarks::of(&anatomy, &proposal).unwrap();
-    eprintln!("VAR {nose:?}\nVAR without {without:?}");
-    let base = Atlas::new(&nose, &mesh).unwrap();
-    eprintln!("VAR {base:?}");
-    for (name, change) in [
-        ("default", (|_: &mut Atlas| {}) as fn(&mut Atlas)),
-        ("gap 0", |a| {
-            a.septum[0][1] = 0.0;
-            a.septum[1][1] = 0.0;
-        }),
-        ("gap 10", |a| {
-            a.septum[0][1] = 10.0;
-            a.septum[1][1] = 10.0;
-        }),
-        ("septum only", |a| a.alar_half_width = -1.0),
-        ("alae only", |a| a.half_thickness = -1.0),
-        ("up to the bone", |a| {
-            a.septum[3][1] += 4.0;
-            a.septum[4][1] += 4.0;
-            a.alar_heights[1] = a.septum[3][1];
-        }),
-        ("thin alae", |a| a.alar_depth = 3.5),
-        ("narrow", |a| a.alar_half_width = 10.0),
-        ("no back", |a| a.alar_back += 6.0),
-    ] {
-        let mut atlas = base.clone();
-        change(&mut atlas);
+    let atlas = Atlas::new(&nose, &mesh).unwrap();
+    let mut with = |atlas: Atlas| {
         tissue.mesh.tetrahedron_tissue.clone_from(&plain);
-        let n = atlas.mark(&mut tissue.mesh, &fields.skin);
-        let with = moved(&tissue);
-        eprintln!("VAR {name}: {n} tets, {:.2} {:.2} {:.2}", with.x, with.y, with.z);
-    }
-    let with = without;
-    // Up and forward are +z and -y.
-    assert!(with.z < without.z, "{with} {without}");
+        assert!(atlas.mark(&mut tissue.mesh, &fields.skin) > 50);
+        moved(&tissue)
+    };
+    // Up is +z. Measured: 2.46 mm without cartilage, 2.40 with the septum, 3.08 with the alae, 2.81 with both.
+    let septum = with(Atlas { alar_half_width: -1.0, ..atlas.clone() });
+    assert!(septum.z < without.z && septum.z > 0.5 * without.z, "{septum} {without}");
+    let alae = with(Atlas { half_thickness: -1.0, ..atlas.clone() });
+    assert!(alae.z > without.z, "if alae no longer turn the tip up, place cartilage by default: {alae} {without}");
+    let both = with(atlas);
+    assert!(both.z < alae.z && both.x.abs() < 0.1, "{both} {alae}");
 }
 
 fn marks() -> NoseLandmarks {

@@ -97,7 +97,7 @@ impl SlabCase {
     fn settings(&self) -> SolveSettings {
         let (poisson, locking) = if self.smoothed { (0.49, Locking::Smoothed) } else { (0.45, Locking::None) };
         let [skin, fat] = SHEAR_MPA.map(|mu| Material::mooney_rivlin(0.4 * mu, 0.1 * mu, poisson));
-        let materials = Materials { skin, fat, muscle: fat, mucosa: fat };
+        let materials = Materials { skin, fat, muscle: fat, mucosa: fat, cartilage: fat };
         SolveSettings { skin_element: SkinElement::Wedge, locking, ..SolveSettings::new(Model::Nonlinear, materials) }
     }
 

@@ -196,9 +196,13 @@ impl SceneFile {
             ("muscle", &mut document.muscle),
             ("fat", &mut document.fat),
             ("mucosa", &mut document.mucosa),
+            ("cartilage", &mut document.cartilage),
         ];
         if let Some(unknown) = laws.keys().find(|key| members.iter().all(|(name, _)| name != key)) {
-            return Err(value(format!("/materials/{unknown}"), "is not a tissue: use skin, muscle, fat or mucosa"));
+            return Err(value(
+                format!("/materials/{unknown}"),
+                "is not a tissue: use skin, muscle, fat, mucosa or cartilage",
+            ));
         }
         for (name, member) in members {
             if let Some(law) = laws.get(name) {

@@ -4,6 +4,7 @@
 
 mod attach;
 mod bone;
+mod cartilage;
 mod error;
 mod fields;
 mod mouth;

@@ -92,7 +92,7 @@ impl ReadyMesh {
     /// segment k), `fixed_mask`
     /// (axes along which the point is held, bits x = 1, y = 2, z = 4), `prescribed_mm` (displacement along these axes, mm;
     /// three components), `force_n` (dead load, N; three components). Cell array, optional: `tissue` (0 skin, 1 muscle, 2 fat,
-    /// 3 mucosa); without it wedges are skin and tetrahedra fat.
+    /// 3 mucosa, 4 cartilage); without it wedges are skin and tetrahedra fat.
     ///
     /// # Errors
     /// [`ReadyMeshError`] for a mesh without cells, an array with values that are not allowed, or flat, twisted, overlapping or
@@ -397,12 +397,13 @@ fn tissues(volume: &VolumeMesh, warnings: &mut Vec<Warning>) -> Result<Vec<Tissu
         };
         return Ok(volume.cells.iter().map(guess).collect());
     };
-    let numbers = whole_numbers(array, "cell", "tissue", 0, 3)?;
+    let numbers = whole_numbers(array, "cell", "tissue", 0, 4)?;
     let tissue = |number: i64| match number {
         0 => Tissue::Skin,
         1 => Tissue::Muscle,
         2 => Tissue::Fat,
-        _ => Tissue::Mucosa,
+        3 => Tissue::Mucosa,
+        _ => Tissue::Cartilage,
     };
     Ok(numbers.into_iter().map(tissue).collect())
 }

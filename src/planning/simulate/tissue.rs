@@ -1,3 +1,4 @@
+use super::cartilage::place_cartilage;
 use super::mouth::{Face, Mouth, find, not_parted};
 use super::tuning::{BEHIND_BACK_MM, BEHIND_FRONT_MM, EMBED_REACH_MM, MOUTH_ROOM_MM, REGION_REACH_MM, REGION_SLACK_MM};
 use super::{Anatomy, CutBone, Fields, SimulateError};
@@ -20,6 +21,10 @@ pub struct TissueSettings {
     pub tissue_by_depth: bool,
     /// Whether the lips part, and where.
     pub mouth: Mouth,
+    /// Places cartilage in the nose by its landmarks.
+    ///
+    /// Off by default: the alae that it places turn the tip up further (see the tests of `cartilage.rs`).
+    pub cartilage: bool,
 }
 
 /// The tissue of one face at rest.
@@ -83,7 +88,7 @@ pub fn build_tissue(
         }
         (built, slit) => (built?, slit),
     };
-    let (mesh, mut report) = built;
+    let (mut mesh, mut report) = built;
     report.warnings.extend(found);
     let parted = slit.as_ref().and_then(|slit| part_skin(&anatomy.skin, slit));
     let embedding = match (&parted, &slit) {
@@ -96,10 +101,14 @@ pub fn build_tissue(
         report.warnings.push(Warning::info("mouth-skin-cut", message));
     }
     control.report(1.0);
-    let arch = match bone.and_then(|b| b.osteotomy.arch) {
-        Some(_) => None,
-        None => DentalArch::proposed(&anatomy.skull, &propose(&anatomy.skin, &anatomy.skull)),
-    };
+    let needs_arch = bone.is_none_or(|b| b.osteotomy.arch.is_none());
+    let proposal = (needs_arch || settings.cartilage).then(|| propose(&anatomy.skin, &anatomy.skull));
+    let arch = proposal.as_ref().filter(|_| needs_arch).and_then(|p| DentalArch::proposed(&anatomy.skull, p));
+    if let Some(proposal) = proposal.filter(|_| settings.cartilage) {
+        let placed = place_cartilage(&mut mesh, anatomy, &proposal, &fields.skin, &settings.mesh);
+        report.cartilage = placed.tetrahedra;
+        report.warnings.extend(placed.warning);
+    }
     Ok(TissueModel { mesh, report, embedding, arch, slit, parted })
 }
 

@@ -30,6 +30,34 @@ pub(super) const EMBED_REACH_MM: f64 = 2.0;
 /// The mouth lies at least this far inside the region when lips are parted, mm: the tissue that is opened for meshing.
 pub(super) const MOUTH_ROOM_MM: f64 = 10.0;
 
+// Cartilage of the nose. Shapes are simple and come from anatomy, not from any result of a solve.
+
+/// Thickness of the septum, mm: septal cartilage is 2 to 3 mm thick between its mucosae.
+pub(super) const SEPTUM_MM: f64 = 2.5;
+/// Share of an edge of the mesh by which the septum is thicker on each side: a quarter makes the plate about an edge thick, so
+/// that the tetrahedra in it hang together.
+pub(super) const SEPTUM_EDGE_SHARE: f64 = 0.25;
+/// Distance of the septum's front angle from the tip of the nose, mm: skin, fat and the alar domes lie between.
+pub(super) const BEHIND_TIP_MM: f64 = 8.0;
+/// Depth of the septum behind the line from the nasal bones to the nasal spine, mm; farther behind the septum is bone.
+pub(super) const BEHIND_APERTURE_MM: f64 = 8.0;
+/// Gap between the septum and the anterior nasal spine, mm: a Le Fort I parts the septum from the maxilla and shortens it. A
+/// septum on the spine would be a lever that turns the tip up when the jaw goes forward.
+pub(super) const ABOVE_SPINE_MM: f64 = 5.0;
+/// Depth below the skin layer in which alar cartilage lies, mm: the plate is about 1 mm thick under 1 to 2 mm of fat.
+pub(super) const ALAR_DEPTH_MM: f64 = 3.5;
+/// Extent of the alae in units of the distance from the tip of the nose to the subnasale, about 20 mm in adults: half of the
+/// nose's width (35 mm), back behind the subnasale and up above the tip; all three are estimates.
+pub(super) const ALAR_HALF_WIDTH: f64 = 0.85;
+pub(super) const ALAR_BACK: f64 = 0.3;
+pub(super) const ALAR_UP: f64 = 0.4;
+/// Least and largest distance from the tip of the nose to the subnasale that is believed, mm.
+pub(super) const NOSE_PROJECTION_MM: [f64; 2] = [8.0, 40.0];
+/// Least length of the line from the anterior nasal spine to the nasal bones that is believed, mm.
+pub(super) const APERTURE_MM: f64 = 12.0;
+/// Least cosine between the normal of the septum and the head's x axis: beyond 25 degrees the landmarks cannot be right.
+pub(super) const MIDPLANE_COSINE: f64 = 0.9;
+
 // Attachment.
 
 /// Gap at rest below which nodes are tied by default, mm.

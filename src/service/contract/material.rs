@@ -238,17 +238,21 @@ pub struct TissueLawsDocument {
     /// Law of mucosa.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mucosa: Option<MaterialDocument>,
+    /// Law of cartilage.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cartilage: Option<MaterialDocument>,
 }
 
 impl TissueLawsDocument {
     /// Every tissue by name, with its law if one is given.
     #[must_use]
-    pub fn all(&self) -> [(&'static str, Tissue, Option<&MaterialDocument>); 4] {
+    pub fn all(&self) -> [(&'static str, Tissue, Option<&MaterialDocument>); 5] {
         [
             ("skin", Tissue::Skin, self.skin.as_ref()),
             ("muscle", Tissue::Muscle, self.muscle.as_ref()),
             ("fat", Tissue::Fat, self.fat.as_ref()),
             ("mucosa", Tissue::Mucosa, self.mucosa.as_ref()),
+            ("cartilage", Tissue::Cartilage, self.cartilage.as_ref()),
         ]
     }
 

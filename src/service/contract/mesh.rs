@@ -79,6 +79,9 @@ pub struct MeshRequest {
     /// Whether the lips part: `glued` (default), `auto`, or `{"curve": [[x, y, z], …]}`, mm.
     #[serde(skip_serializing_if = "MouthDocument::is_default")]
     pub mouth: MouthDocument,
+    /// Whether the nose has cartilage, placed by its landmarks; false by default.
+    #[serde(skip_serializing_if = "is_false")]
+    pub cartilage: bool,
     /// Id of the osteotomy whose segments will move.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub osteotomy: Option<Uuid>,
@@ -98,6 +101,7 @@ impl Default for MeshRequest {
             region: None,
             tissue_by_depth: false,
             mouth: MouthDocument::Glued,
+            cartilage: false,
             osteotomy: None,
         }
     }
@@ -136,6 +140,7 @@ impl From<&MeshRequest> for TissueSettings {
             region: r.region.as_ref().map(Aabb::from),
             tissue_by_depth: r.tissue_by_depth,
             mouth: (&r.mouth).into(),
+            cartilage: r.cartilage,
         }
     }
 }
@@ -173,9 +178,12 @@ pub struct MeshDocument {
     pub max_skin_distance_mm: f64,
     /// Number of outer edges with more than two boundary faces.
     pub non_manifold_edges: usize,
-    /// Share of muscle in the volume below the skin layer, 0 to 1; the rest is fat.
+    /// Share of muscle in the volume below the skin layer before cartilage is placed, 0 to 1; the rest is fat.
     #[serde(default)]
     pub muscle_share: f64,
+    /// Number of tetrahedra of nasal cartilage.
+    #[serde(default)]
+    pub cartilage: usize,
     /// Whether the CT separated fat from muscle; otherwise depth did.
     #[serde(default)]
     pub tissue_from_ct: bool,
@@ -203,6 +211,7 @@ impl MeshDocument {
             max_skin_distance_mm: r.max_skin_distance_mm,
             non_manifold_edges: r.nonmanifold_edges,
             muscle_share: r.muscle_share,
+            cartilage: r.cartilage,
             tissue_from_ct: r.tissue_from_ct,
             findings: r.warnings.iter().cloned().collect(),
         }

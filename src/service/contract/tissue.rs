@@ -21,7 +21,7 @@ pub struct TissueDocument {
     pub tetrahedra: usize,
     /// Number of wedges.
     pub wedges: usize,
-    /// Number of cells of each tissue: `skin`, `muscle`, `fat`, `mucosa`.
+    /// Number of cells of each tissue: `skin`, `muscle`, `fat`, `mucosa`, `cartilage`.
     pub tissues: BTreeMap<String, usize>,
     /// Number of free points.
     pub free_nodes: usize,

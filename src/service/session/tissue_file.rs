@@ -5,7 +5,7 @@ use prosopon_tissue::mesh::MixedMesh;
 /// The mesh with its nodes at `nodes` (LPS mm) as a VTU file; `None` when the numbers of nodes differ.
 ///
 /// Point arrays: `displacement_mm`, and `attachment` (-1 free, 0 skull or fixed, k segment k, -2 sliding, -3 - k gliding on segment k). Cell arrays: `tissue`
-/// (0 skin, 1 muscle, 2 fat, 3 mucosa) and `volume_ratio`.
+/// (0 skin, 1 muscle, 2 fat, 3 mucosa, 4 cartilage) and `volume_ratio`.
 pub(super) fn tissue_file(mesh: &MixedMesh, nodes: &[Point]) -> Option<Vec<u8>> {
     if nodes.len() != mesh.positions.len() {
         return None;

@@ -35,9 +35,9 @@ impl Choices {
     }
 
     fn materials(&mut self, change: impl Fn(Material) -> Material) {
-        let Materials { skin, muscle, fat, mucosa } = self.run.solver.materials;
-        let [skin, muscle, fat, mucosa] = [skin, muscle, fat, mucosa].map(change);
-        self.run.solver.materials = Materials { skin, muscle, fat, mucosa };
+        let Materials { skin, muscle, fat, mucosa, cartilage } = self.run.solver.materials;
+        let [skin, muscle, fat, mucosa, cartilage] = [skin, muscle, fat, mucosa, cartilage].map(change);
+        self.run.solver.materials = Materials { skin, muscle, fat, mucosa, cartilage };
     }
 }
 
@@ -81,6 +81,11 @@ pub(super) fn choices() -> Vec<Choice> {
         }),
         choice("skin layer: 1 mm", |c| c.tissue.mesh.skin_thickness_mm = 1.0),
         choice("skin layer: 2.5 mm", |c| c.tissue.mesh.skin_thickness_mm = 2.5),
+        choice("nose: cartilage", |c| c.tissue.cartilage = true),
+        choice("nose: cartilage of 3 MPa", |c| {
+            c.tissue.cartilage = true;
+            c.run.solver.materials.cartilage = changed(c.run.solver.materials.cartilage, 3.0, None);
+        }),
         choice("tissue by depth", |c| c.tissue.tissue_by_depth = true),
         choice("model: linear", |c| {
             c.run.solver = SolveSettings::new(Model::Linear, c.run.solver.materials);

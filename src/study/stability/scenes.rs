@@ -241,7 +241,8 @@ fn nearly_incompressible(poisson: f64) -> HardScene {
     let with = |m: Material| Material::neo_hookean(m.shear_modulus(), poisson);
     let own = Materials::wang2009_stable();
     let (skin, fat) = (with(own.skin), with(own.fat));
-    let setup = Setup { materials: Materials { skin, fat, muscle: fat, mucosa: fat }, ..pulled(up(4.0)) };
+    let setup =
+        Setup { materials: Materials { skin, fat, muscle: fat, mucosa: fat, cartilage: fat }, ..pulled(up(4.0)) };
     let finer = Slab { cells: BLOCK.cells.map(|n| 2 * n), ..BLOCK };
     // Allows for the discretisation error of 4 mm cells over a patch of 16 mm: an eighth of the movement.
     scene(format!("Poisson ratio {poisson}"), 4.0, setup, Check::Refined(finer), 0.5)

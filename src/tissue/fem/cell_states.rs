@@ -3,12 +3,9 @@
 use super::assembly::{Assembly, ElementState, Inversion};
 use super::element::{ElementBlock, MeshCell};
 use super::report::CellState;
-use crate::mesh::MixedMesh;
+use crate::mesh::{MixedMesh, Tissue};
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
-
-/// Number of tissues.
-const N_TISSUES: usize = 4;
 
 /// States of the tetrahedra and of the prisms at `x`.
 ///
@@ -27,7 +24,7 @@ pub(super) fn cell_states(assembly: &Assembly, mesh: &MixedMesh, x: &[Vector]) -
             if let Some(dilatation) = &dilatation {
                 let corners = corners(&part.block, element, mesh);
                 let tissue = part.block.tissue[element] as usize;
-                let mean = corners.iter().map(|n| dilatation[N_TISSUES * *n as usize + tissue]).sum::<f64>()
+                let mean = corners.iter().map(|n| dilatation[Tissue::COUNT * *n as usize + tissue]).sum::<f64>()
                     / corners.len() as f64;
                 let change = state.bulk * mean - stress.trace() / 3.0;
                 stress += Matrix3::from_diagonal_element(change);
@@ -64,13 +61,13 @@ fn corners<'a>(block: &'a ElementBlock, element: usize, mesh: &'a MixedMesh) -> 
 
 /// Mean dilatation of the elements of each tissue around each node, by node and tissue.
 fn nodal_dilatation(assembly: &Assembly, mesh: &MixedMesh, states: &[Vec<ElementState>]) -> Vec<f64> {
-    let mut sums = vec![(0.0, 0.0); N_TISSUES * mesh.positions.len()];
+    let mut sums = vec![(0.0, 0.0); Tissue::COUNT * mesh.positions.len()];
     for (part, states) in assembly.parts().iter().zip(states) {
         for (element, state) in states.iter().enumerate() {
             let corners = corners(&part.block, element, mesh);
             let share = state.volume / corners.len() as f64;
             for node in corners {
-                let sum = &mut sums[N_TISSUES * *node as usize + part.block.tissue[element] as usize];
+                let sum = &mut sums[Tissue::COUNT * *node as usize + part.block.tissue[element] as usize];
                 sum.0 += share;
                 sum.1 += share * state.dilatation;
             }

@@ -23,8 +23,6 @@ use prosopon_geometry::{Motion, Vector, Warning};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-const TISSUES: [Tissue; 4] = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
-
 /// Times and factorisations of a preparation.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct PreparationWork {
@@ -370,7 +368,7 @@ fn smoothed_parts(
 }
 
 /// Laws by tissue, for the part of each material that `part` extracts.
-fn laws(settings: &SolveSettings, part: impl Fn(Material) -> Material) -> Result<[Law; 4], SolveError> {
+fn laws(settings: &SolveSettings, part: impl Fn(Material) -> Material) -> Result<[Law; Tissue::COUNT], SolveError> {
     let law = |tissue: Tissue| {
         let material = part(*settings.materials.of(tissue));
         if settings.model.is_linear() {
@@ -379,8 +377,8 @@ fn laws(settings: &SolveSettings, part: impl Fn(Material) -> Material) -> Result
             Ok(Law::Hyperelastic(material))
         }
     };
-    let [a, b, c, d] = TISSUES;
-    Ok([law(a)?, law(b)?, law(c)?, law(d)?])
+    let [a, b, c, d, e] = Tissue::ALL;
+    Ok([law(a)?, law(b)?, law(c)?, law(d)?, law(e)?])
 }
 
 /// Scales for tolerances and for the penalty stiffness.

@@ -12,9 +12,16 @@ pub enum Tissue {
     Fat = 2,
     /// Mucosa.
     Mucosa = 3,
+    /// Cartilage of the nose.
+    Cartilage = 4,
 }
 
 impl Tissue {
+    /// Number of tissues.
+    pub const COUNT: usize = 5;
+    /// Every tissue, in the order of its number.
+    pub const ALL: [Self; Self::COUNT] = [Self::Skin, Self::Muscle, Self::Fat, Self::Mucosa, Self::Cartilage];
+
     /// Name in lower case.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -23,6 +30,7 @@ impl Tissue {
             Self::Muscle => "muscle",
             Self::Fat => "fat",
             Self::Mucosa => "mucosa",
+            Self::Cartilage => "cartilage",
         }
     }
 }

@@ -32,6 +32,8 @@ pub struct MeshReport {
     pub nonmanifold_edges: usize,
     /// Share of muscle in the volume of the tetrahedra, 0 to 1; the rest is fat.
     pub muscle_share: f64,
+    /// Number of tetrahedra of cartilage; [`build`](super::build) places none.
+    pub cartilage: usize,
     /// Whether a CT distinguished fat from muscle; otherwise the depth did.
     pub tissue_from_ct: bool,
     /// Deviations from the requested mesh.
@@ -58,6 +60,7 @@ pub fn report(mesh: &MixedMesh, filled: Option<(&Domain<'_>, &MeshSettings)>, le
         max_skin_distance_mm: 0.0,
         nonmanifold_edges: nonmanifold_edges(mesh),
         muscle_share: 0.0,
+        cartilage: mesh.tetrahedron_tissue.iter().filter(|t| **t == Tissue::Cartilage).count(),
         tissue_from_ct: filled.is_some_and(|(domain, _)| domain.soft_tissue.is_some()),
         warnings: Vec::new(),
     };

@@ -245,6 +245,7 @@ impl Engine for StandIn {
     fn tissue(&self, _: &Case, request: &TissueRequest, _: &Control) -> Result<MeshReport, Halt> {
         self.cut_again()?;
         Ok(MeshReport {
+            cartilage: 0,
             tetrahedra: 60_000,
             prisms: 6_000,
             nodes: 20_000,

@@ -106,7 +106,7 @@ pub struct PresetView {
     /// Meaning of the published constant D1; present for `wang_2009` only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d1_reading: Option<D1ReadingName>,
-    /// Materials by tissue: `skin`, `muscle`, `fat` and `mucosa`.
+    /// Materials by tissue: `skin`, `muscle`, `fat`, `mucosa` and `cartilage`.
     pub tissues: BTreeMap<String, MaterialView>,
 }
 
@@ -165,8 +165,9 @@ impl MaterialsList {
     #[must_use]
     pub fn new(d1: D1ReadingName) -> Self {
         let tissues = |m: &Materials| {
-            let all = [("skin", &m.skin), ("muscle", &m.muscle), ("fat", &m.fat), ("mucosa", &m.mucosa)];
-            all.into_iter().map(|(name, material)| (name.to_owned(), MaterialView::from(material))).collect()
+            let soft = [("skin", &m.skin), ("muscle", &m.muscle), ("fat", &m.fat), ("mucosa", &m.mucosa)];
+            let all = soft.into_iter().chain([("cartilage", &m.cartilage)]);
+            all.map(|(name, material)| (name.to_owned(), MaterialView::from(material))).collect()
         };
         let preset = |name: PresetName| PresetView {
             name,

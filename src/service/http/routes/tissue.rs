@@ -22,7 +22,7 @@ use prosopon_store::{PartKind, SessionId};
 /// A VTU or legacy VTK file (ASCII or binary) of tetrahedra (type 10) and wedges (type 13), LPS mm. It replaces an earlier
 /// upload. Solves of the session use this mesh, and the service meshes nothing.
 ///
-/// The cell array `tissue` is required: 0 skin, 1 muscle, 2 fat, 3 mucosa. The point arrays are optional: `attachment` (-1
+/// The cell array `tissue` is required: 0 skin, 1 muscle, 2 fat, 3 mucosa, 4 cartilage. The point arrays are optional: `attachment` (-1
 /// free, 0 skull, k segment k, -2 sliding, -3 - k gliding on segment k), `fixed_mask` (axes along which a point is held: bits x 1, y 2, z 4),
 /// `prescribed_mm` (displacement along these axes, three components, mm), `force_n` (dead load, N).
 #[utoipa::path(put, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path)),

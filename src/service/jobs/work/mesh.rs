@@ -11,8 +11,7 @@ use prosopon_tissue::mesh::Tissue;
 /// Stability warnings that a solve on this mesh would have.
 fn unstable(preset: PresetName) -> Vec<Warning> {
     let materials = preset.materials(D1ReadingName::default());
-    let tissues = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
-    tissues.into_iter().filter_map(|t| materials.of(t).stability_warning(t.name())).collect()
+    Tissue::ALL.into_iter().filter_map(|t| materials.of(t).stability_warning(t.name())).collect()
 }
 
 /// Builds the tissue mesh of the session.

@@ -30,7 +30,7 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub(in crate::fem) struct Part {
     pub(in crate::fem) block: ElementBlock,
-    pub(in crate::fem) laws: [Law; 4],
+    pub(in crate::fem) laws: [Law; Tissue::COUNT],
 }
 
 impl Part {

@@ -12,6 +12,8 @@ pub struct Materials {
     pub fat: Material,
     /// Mucosa.
     pub mucosa: Material,
+    /// Cartilage of the nose.
+    pub cartilage: Material,
 }
 
 /// 1 gf/mm² in MPa.
@@ -21,6 +23,19 @@ const GF_PER_MM2: f64 = 9.80665e-3;
 const SKIN: [f64; 3] = [18.9834587, -15.4071649, 0.49];
 const MUSCLE: [f64; 3] = [9.84540206, -7.74326281, 0.30];
 const FAT: [f64; 3] = [16.6131140, -16.0126823, 0.49];
+
+/// Young's modulus of nasal cartilage, MPa.
+///
+/// Abstracts give 0.98 (lateral), 2.09 (alar) and 2.72 (septum) in compression (Griffin et al., J Mater Sci Mater Med 27, 2016)
+/// and 3.01 for the septum in tension at equilibrium (Richmon et al., Am J Rhinol 19, 2005); the full papers were not read. The
+/// lower end is taken, because elements of 4 mm draw the plates about twice as thick as they are.
+const CARTILAGE_YOUNG_MPA: f64 = 1.0;
+/// Poisson ratio of cartilage: a choice, near incompressible but low enough that linear elements do not lock.
+const CARTILAGE_POISSON: f64 = 0.45;
+
+fn cartilage() -> Material {
+    Material::neo_hookean(0.5 * CARTILAGE_YOUNG_MPA / (1.0 + CARTILAGE_POISSON), CARTILAGE_POISSON)
+}
 
 /// Meaning of `D1` in Wang 2009, Table 1, which the paper does not state (`src/paper.md`, 19).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -65,10 +80,10 @@ impl Materials {
     #[must_use]
     pub fn wang2009_reading(d1: D1Reading) -> Self {
         let of = |constants| published(constants, d1);
-        Self { skin: of(SKIN), muscle: of(MUSCLE), fat: of(FAT), mucosa: of(MUSCLE) }
+        Self { skin: of(SKIN), muscle: of(MUSCLE), fat: of(FAT), mucosa: of(MUSCLE), cartilage: cartilage() }
     }
 
-    /// Passive tissue of the face as one Yeoh material: C1 2.5 kPa, C2 1.175 kPa.
+    /// Passive tissue of the face, without cartilage, as one Yeoh material: C1 2.5 kPa, C2 1.175 kPa.
     ///
     /// # Source
     /// Measured on a cheek by indentation (Gerard, Ohayon, Luboz, Perrier and Payan, Med Eng Phys 27, 2005); used for a whole
@@ -76,10 +91,10 @@ impl Materials {
     /// here for near incompressibility.
     #[must_use]
     pub fn nazari2010() -> Self {
-        Self::homogeneous(Material::yeoh([2.5e-3, 1.175e-3, 0.0], 0.49))
+        Self { cartilage: cartilage(), ..Self::homogeneous(Material::yeoh([2.5e-3, 1.175e-3, 0.0], 0.49)) }
     }
 
-    /// Passive tissue of the face with Young's modulus 15 kPa and Poisson ratio 0.49.
+    /// Passive tissue of the face, without cartilage, with Young's modulus 15 kPa and Poisson ratio 0.49.
     ///
     /// The moduli are published for small strains and used here in a neo-Hookean material. The stiffer fibres that the source
     /// gives to muscles are left out.
@@ -89,7 +104,10 @@ impl Materials {
     #[must_use]
     pub fn chabanas2003() -> Self {
         let (young, poisson) = (15e-3, 0.49);
-        Self::homogeneous(Material::neo_hookean(0.5 * young / (1.0 + poisson), poisson))
+        Self {
+            cartilage: cartilage(),
+            ..Self::homogeneous(Material::neo_hookean(0.5 * young / (1.0 + poisson), poisson))
+        }
     }
 
     /// Neo-Hookean with the published small-strain shear moduli 2 (C10 + C01) and Poisson ratios.
@@ -98,7 +116,13 @@ impl Materials {
     /// mucosa; it gets that of muscle.
     #[must_use]
     pub fn wang2009_stable() -> Self {
-        Self { skin: stable(SKIN), muscle: stable(MUSCLE), fat: stable(FAT), mucosa: stable(MUSCLE) }
+        Self {
+            skin: stable(SKIN),
+            muscle: stable(MUSCLE),
+            fat: stable(FAT),
+            mucosa: stable(MUSCLE),
+            cartilage: cartilage(),
+        }
     }
 
     /// Yeoh with the published small-strain moduli, fitted to the published uniaxial curve.
@@ -109,13 +133,13 @@ impl Materials {
     pub fn wang2009_tension() -> Self {
         // MPa.
         let (skin, muscle, fat) = (tension(SKIN, 0.1401), tension(MUSCLE, 0.0704), tension(FAT, 0.1456));
-        Self { skin, muscle, fat, mucosa: muscle }
+        Self { skin, muscle, fat, mucosa: muscle, cartilage: cartilage() }
     }
 
     /// The same material for all tissues.
     #[must_use]
     pub fn homogeneous(material: Material) -> Self {
-        Self { skin: material, muscle: material, fat: material, mucosa: material }
+        Self { skin: material, muscle: material, fat: material, mucosa: material, cartilage: material }
     }
 
     /// Sets the material of `tissue`.
@@ -125,6 +149,7 @@ impl Materials {
             Tissue::Muscle => &mut self.muscle,
             Tissue::Fat => &mut self.fat,
             Tissue::Mucosa => &mut self.mucosa,
+            Tissue::Cartilage => &mut self.cartilage,
         } = material;
     }
 
@@ -136,6 +161,7 @@ impl Materials {
             Tissue::Muscle => &self.muscle,
             Tissue::Fat => &self.fat,
             Tissue::Mucosa => &self.mucosa,
+            Tissue::Cartilage => &self.cartilage,
         }
     }
 }
@@ -194,6 +220,18 @@ mod tests {
                 assert_eq!(material.isochoric, published(same, D1Reading::PoissonRatio).isochoric);
             }
         }
+    }
+
+    #[test]
+    fn cartilage_has_the_same_modulus_in_every_preset() {
+        let presets = [Materials::wang2009(), Materials::wang2009_stable(), Materials::wang2009_tension()];
+        for m in presets.into_iter().chain([Materials::nazari2010(), Materials::chabanas2003()]) {
+            let found = m.of(Tissue::Cartilage);
+            assert!((2.0 * found.shear_modulus() * (1.0 + found.poisson_ratio()) - 1.0).abs() < 1e-12);
+            assert!((found.poisson_ratio() - 0.45).abs() < 1e-12 && found.is_polyconvex());
+        }
+        let same = Materials::homogeneous(Materials::chabanas2003().fat);
+        assert_eq!(same.cartilage, same.fat);
     }
 
     #[test]

@@ -24,7 +24,7 @@ fn a_layered_slab_deforms_as_in_calculix() {
     // The volumetric energy of the reference.
     let of = |shear: f64| Material::neo_hookean(shear, 0.3).with_volumetric(Volumetric::Quadratic);
     let (skin, fat) = (of(0.070142923), of(0.011776447));
-    let materials = Materials { skin, fat, muscle: fat, mucosa: fat };
+    let materials = Materials { skin, fat, muscle: fat, mucosa: fat, cartilage: fat };
     let settings = SolveSettings {
         skin_element: SkinElement::Wedge,
         relative_residual: 1e-8,

@@ -269,7 +269,7 @@ fn the_answer_has_no_units() {
         });
         let material = |shear: f64| Material::neo_hookean(shear * modulus, 0.45);
         let (skin, fat) = (material(0.07), material(0.012));
-        let materials = Materials { skin, fat, muscle: fat, mucosa: fat };
+        let materials = Materials { skin, fat, muscle: fat, mucosa: fat, cartilage: fat };
         let settings =
             SolveSettings { relative_residual: 1e-9, locking, ..SolveSettings::new(Model::Nonlinear, materials) };
         let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();

@@ -258,7 +258,7 @@ fn renumbered_nodes_give_the_same_answer() {
     other.tetrahedra.reverse();
     let material = |shear: f64| Material::neo_hookean(shear, 0.45);
     let (skin, fat) = (material(0.07), material(0.012));
-    let materials = Materials { skin, fat, muscle: fat, mucosa: fat };
+    let materials = Materials { skin, fat, muscle: fat, mucosa: fat, cartilage: fat };
     let control = Control::new();
     for (model, locking) in
         [(Model::Nonlinear, Locking::None), (Model::Nonlinear, Locking::Smoothed), (Model::Mixed, Locking::Smoothed)]

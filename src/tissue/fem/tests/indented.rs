@@ -52,7 +52,7 @@ fn layered_block(
         locking,
         penetration_tolerance_mm: PENETRATION_MM,
         contact_stiffness_factor: stiffness,
-        ..SolveSettings::new(Model::Nonlinear, Materials { skin, fat, muscle: fat, mucosa: fat })
+        ..SolveSettings::new(Model::Nonlinear, Materials { skin, fat, muscle: fat, mucosa: fat, cartilage: fat })
     };
     let post = RoundedPost { half_width: 20.0, edge_radius: 5.0 };
     let control = Control::new();

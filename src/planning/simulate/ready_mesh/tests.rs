@@ -114,7 +114,7 @@ fn arrays_that_are_not_usable_are_refused_with_the_place() {
         ("fixed_mask", 3, vec![0.; 21], "3 components, expected 1"),
         ("force_n", 1, vec![0.; 7], "1 components, expected 3"),
         ("force_n", 3, [vec![0.; 20], vec![f64::INFINITY]].concat(), "point 6 has a value that is not finite"),
-        ("tissue", 1, vec![0., 4.], "cell 1 has 4"),
+        ("tissue", 1, vec![0., 5.], "cell 1 has 5"),
     ] {
         let error = ReadyMesh::new(&with_array(name, components, &values)).unwrap_err().to_string();
         assert!(error.contains(expected) && error.contains(name), "{error}");

@@ -23,7 +23,7 @@ async fn laws_and_presets_are_listed_with_units_moduli_and_stable_ranges() {
     for preset in presets {
         assert!(preset["source"].as_str().unwrap().contains("20"), "{preset}");
         assert_eq!(preset["default"], preset["name"] == "wang_2009_stable");
-        assert_eq!(preset["tissues"].as_object().unwrap().len(), 4);
+        assert_eq!(preset["tissues"].as_object().unwrap().len(), 5);
     }
     // Wang 2009, Table 1: shear moduli 70.142923, 41.229888, 11.776447 kPa.
     for preset in &presets[..3] {

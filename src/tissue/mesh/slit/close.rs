@@ -58,6 +58,14 @@ pub(in super::super) fn close(
             *tissue = tissue_at(inner, tetrahedron.map(|n| mesh.positions[n as usize]));
         }
     }
+    // In the corners of the mouth triangles may end up turned away from the other lip.
+    let positions = &mesh.positions;
+    for (side, sign) in facing.sides.iter_mut().zip([1.0, -1.0]) {
+        side.retain(|t| {
+            let [a, b, c] = t.map(|n| positions[n as usize]);
+            sign * (b - a).cross(&(c - a)).z < 0.0
+        });
+    }
     if facing.sides.iter().all(|side| !side.is_empty()) {
         mesh.facing.push(facing);
     }

@@ -8,6 +8,7 @@ use super::super::stuffing::TetMesh;
 use super::super::tuning::{FACING_GAP_MM, SMOOTHING_ROUNDS, WORST_JACOBIAN};
 use super::super::{Facing, MixedMesh};
 use super::Opening;
+use prosopon_geometry::Point;
 use prosopon_geometry::control::{Cancelled, Control};
 
 /// Leaves out prisms that are badly shaped when the slit is closed; returns their number.
@@ -58,12 +59,13 @@ pub(in super::super) fn close(
             *tissue = tissue_at(inner, tetrahedron.map(|n| mesh.positions[n as usize]));
         }
     }
-    // In the corners of the mouth triangles may end up turned away from the other lip.
+    // In the corners of the mouth triangles may end up off the slit, or turned away from the other lip.
     let positions = &mesh.positions;
     for (side, sign) in facing.sides.iter_mut().zip([1.0, -1.0]) {
         side.retain(|t| {
             let [a, b, c] = t.map(|n| positions[n as usize]);
-            sign * (b - a).cross(&(c - a)).z < 0.0
+            let is_near = |p: &Point| (-1e-9..FACING_GAP_MM).contains(&(sign * opening.slit.height(p)));
+            sign * (b - a).cross(&(c - a)).z < 0.0 && [a, b, c].iter().all(is_near)
         });
     }
     if facing.sides.iter().all(|side| !side.is_empty()) {

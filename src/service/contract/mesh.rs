@@ -246,6 +246,6 @@ mod tests {
         assert_eq!(pointers(vec![[0.0; 3], [9.0, 0.0, 0.0]]), ["/mouth/curve"]);
         assert_eq!(pointers(vec![[0.0; 3], [9.0, 0.0, 0.0], [8.0, 0.0, 0.0]]), ["/mouth/curve"]);
         assert_eq!(pointers(vec![[0.0; 3], [9.0, 2e4, 0.0], [18.0, 0.0, 0.0]]), ["/mouth/curve/1/1"]);
-        assert_eq!(pointers(vec![[18.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0; 3]]), [String::new(); 0]);
+        assert_eq!(pointers(vec![[18.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0; 3]]), Vec::<String>::new());
     }
 }

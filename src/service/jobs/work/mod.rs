@@ -53,7 +53,7 @@ pub(super) async fn perform(service: Arc<Service>, job: JobRecord, running: Arc<
         JobKind::Import => import::perform(&context).await,
         JobKind::Field => field::perform(&context).await,
         JobKind::Mesh => mesh::perform(&context).await,
-        JobKind::Solve => solve::perform(&context).await,
+        JobKind::Solve => Box::pin(solve::perform(&context)).await,
         JobKind::Compare => comparison::perform(&context).await,
     }
 }

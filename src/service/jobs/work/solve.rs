@@ -36,7 +36,7 @@ struct Solved {
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     match context.request::<SolveKind>()?.ready {
         Some(_) => scene::perform(context, &context.request()?).await,
-        None => on_case(context, context.request()?).await,
+        None => Box::pin(on_case(context, context.request()?)).await,
     }
 }
 

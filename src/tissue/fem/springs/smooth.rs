@@ -19,7 +19,7 @@ impl Smooth<'_> {
         let side = radius / 3.0f64.sqrt();
         let sign = move |corner: usize, axis: usize| if corner >> axis & 1 == 1 { side } else { -side };
         let corners = (0..8).map(move |i| (at + Vector::new(sign(i, 0), sign(i, 1), sign(i, 2)), CORNER_WEIGHT));
-        let ends = move |i: usize| Vector::ith(i / 2, if i % 2 == 0 { radius } else { -radius });
+        let ends = move |i: usize| Vector::ith(i / 2, if i.is_multiple_of(2) { radius } else { -radius });
         corners.chain((0..6).map(move |i| (at + ends(i), AXIS_WEIGHT)))
     }
 }

@@ -17,7 +17,9 @@ pub fn key_of(parts: &[&str]) -> String {
 ///
 /// The debug form prints the shortest decimals, which distinguish all bits of the numbers.
 pub(super) fn bone_key(case: &Case, cuts: &[Cut]) -> String {
-    key_of(&[&case.key, &format!("{cuts:?}")])
+    // The landmarks say where the teeth are, on which tissue glides.
+    let teeth = format!("{:?} {:?}", case.midline_x_mm, case.occlusal_z_mm);
+    key_of(&[&case.key, &format!("{cuts:?}"), &teeth])
 }
 
 #[cfg(test)]

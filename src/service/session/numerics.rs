@@ -7,7 +7,7 @@ use super::path_solve::{PathSolve, Ready, solve_path};
 use super::recent::Recent;
 use super::scene::{bone_fields, solve_scene};
 use super::tissue_file::tissue_file;
-use super::{Case, Engine, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest, key_of};
+use super::{Case, Engine, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest};
 use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid, import_fault};
 use prosopon_field::{CheckedDistance, Envelope, ExactDistance, FieldReport, envelope};
 use prosopon_formats::import::{self, Limits};
@@ -88,7 +88,7 @@ impl Numerics {
     /// The osteotomy with the names of its segments.
     fn osteotomy_of(&self, case: &Case, cuts: &[Cut], control: &Control) -> Result<Arc<Osteotomy>, Halt> {
         let (midline_x_mm, occlusal_z_mm) = (case.midline_x_mm, case.occlusal_z_mm);
-        let key = key_of(&[&bone_key(case, cuts), &format!("{midline_x_mm:?} {occlusal_z_mm:?}")]);
+        let key = bone_key(case, cuts);
         if let Some(found) = self.recent.get(OSTEOTOMIES, &key) {
             return Ok(found);
         }

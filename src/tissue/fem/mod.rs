@@ -34,7 +34,7 @@
 //! // The faces x = 0 and y = 0 are planes of symmetry; all nodes are held along z, and those at z = 1 move by 0.1 mm.
 //! let held_axes = (0..8u8).map(|i| u8::from(i & 1 == 0) + 2 * u8::from(i & 2 == 0) + 4).collect();
 //! let prescribed_mm = (0..8u8).map(|i| Vector::new(0.0, 0.0, if i < 4 { 0.0 } else { 0.1 })).collect();
-//! let boundary = Boundary { held_axes, prescribed_mm, loads_n: Vec::new() };
+//! let boundary = Boundary { held_axes, prescribed_mm, ..Boundary::default() };
 //! let materials = Materials::homogeneous(Material::neo_hookean(0.02, 0.45));
 //! let settings = SolveSettings::new(Model::Nonlinear, materials);
 //! let control = Control::new();

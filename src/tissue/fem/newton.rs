@@ -13,7 +13,7 @@ use super::state::Purpose;
 use super::tuning::{
     COARSE_DISPLACEMENT, COARSE_RESIDUAL, CONDENSED_ITERATIONS, CONDENSED_MAX_RATIO, DISPLACEMENT_TOLERANCE,
     DISPLAY_STEP_MM, FORCING, FORCING_AT_END, FORCING_RANGE, ITERATIONS_WITHOUT_CURVATURE, MAX_MULTIPLIER_UPDATES,
-    MAX_PULL_OFFS, PART_CURVATURE_BELOW_MM, PART_CURVATURE_SHARE, POOR_STEP, SLOW_PENETRATION, STIFFER,
+    MAX_PULL_OFFS, PART_CURVATURE_BELOW_MM, PART_CURVATURE_SHARE, POOR_STEP, SHORT_STEP, SLOW_PENETRATION, STIFFER,
     WHOLE_CURVATURE_BELOW_MM,
 };
 use prosopon_geometry::control::Control;
@@ -160,6 +160,13 @@ fn newton(
         let mut record = record_of(target.t, &balance);
         let Direction { d, balance } =
             direction(equations, x, target.motions, balance, &mut choice, forcing, &mut record)?;
+        // Where a point of contact passes from one triangle to the next, steps may become ever shorter.
+        let step_mm = equations.problem.dofs().max_position_change(&d);
+        if choice.moved_mm < SHORT_STEP * enough_mm && last.is_met() && step_mm <= enough_mm {
+            let relative_residual = aim * last.residual_n / last.tolerance_n;
+            let contacts = balance.contacts;
+            return Ok(Equilibrium { iterations: iteration + 1, remaining_mm: step_mm, relative_residual, contacts });
+        }
         match step_along(equations, x, target.motions, &d, &balance, &record) {
             Ok(step) => {
                 take_step(equations, x, target.motions, &d, step, &mut record, &mut choice);

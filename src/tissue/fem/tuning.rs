@@ -27,6 +27,8 @@ pub(super) const ITERATIONS_WITHOUT_CURVATURE: usize = 2;
 pub(super) const POOR_STEP: f64 = 0.5;
 /// Largest last Newton step of the skin at which an equilibrium for display is accepted, mm.
 pub(super) const DISPLAY_STEP_MM: f64 = 0.02;
+/// After a step below this share of the tolerance on displacements, the next Newton step tells how far the equilibrium is.
+pub(super) const SHORT_STEP: f64 = 0.1;
 /// Relative residual at which multipliers are updated: they converge to the contact pressure without an exact equilibrium.
 pub(super) const COARSE_RESIDUAL: f64 = 1e-2;
 /// Updates of the multipliers before contact fails.

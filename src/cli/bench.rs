@@ -5,6 +5,7 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
 use prosopon_field::{FieldSettings, Method, MethodSettings, Tolerance};
+use prosopon_planning::simulate::Mouth;
 use prosopon_study::{
     AssumptionStudy, BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource,
     ModelCase, ModelStudy, OperationStudy, ProposalStudy, RatioStudy, ReachStudy, ServiceStudy, SlabCase,
@@ -230,6 +231,9 @@ pub(super) struct OperationArguments {
     /// Time limit of a solve, s.
     #[arg(long, default_value_t = 180.0)]
     limit_s: f64,
+    /// The lips part, where the crease between them is found.
+    #[arg(long)]
+    part_lips: bool,
     /// CSV file to write; the chart is written next to it.
     #[arg(long, default_value = "operations.csv")]
     csv: PathBuf,
@@ -268,6 +272,9 @@ pub(super) struct RatioArguments {
     /// Time limit of a solve, s.
     #[arg(long, default_value_t = 180.0)]
     limit_s: f64,
+    /// The lips part, where the crease between them is found.
+    #[arg(long)]
+    part_lips: bool,
     /// CSV file to write; the chart is written next to it.
     #[arg(long, default_value = "ratios.csv")]
     csv: PathBuf,
@@ -401,7 +408,8 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
         BenchCommand::Proposals(a) => ProposalStudy { heads: &a.heads }.run(out)?,
         BenchCommand::Operations(a) => {
             let (only, limit_s) = (a.only.as_deref(), a.limit_s);
-            if !(OperationStudy { heads: &a.heads, cases: &a.cases, only, limit_s, csv: &a.csv }.run(out)?) {
+            let (heads, mouth) = (a.heads.as_slice(), mouth(a.part_lips));
+            if !(OperationStudy { heads, cases: &a.cases, only, mouth, limit_s, csv: &a.csv }.run(out)?) {
                 return Err("a goal is missed: 97 % of solves reliable, slowest within 60 s, median within 10 s".into());
             }
         }
@@ -411,7 +419,8 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
         }
         BenchCommand::Ratios(a) => {
             let (only, limit_s) = (a.only.as_deref(), a.limit_s);
-            RatioStudy { heads: &a.heads, case: &a.case, only, limit_s, csv: &a.csv }.run(out)?;
+            let mouth = mouth(a.part_lips);
+            RatioStudy { heads: &a.heads, case: &a.case, only, mouth, limit_s, csv: &a.csv }.run(out)?;
         }
         BenchCommand::Stability(a) => {
             if !(StabilityStudy { csv: &a.csv, only: a.only.as_deref() }.run(out)?) {
@@ -486,4 +495,8 @@ fn settings(a: &FieldArguments) -> MethodSettings {
         resolution: a.resolution,
         tolerance: a.tolerance.map_or(defaults.tolerance, Tolerance::Relative),
     }
+}
+
+fn mouth(part_lips: bool) -> Mouth {
+    if part_lips { Mouth::Auto } else { Mouth::Glued }
 }

@@ -21,10 +21,11 @@ pub fn run(args: &DemoArgs, base: String) -> Result<(), DemoError> {
     case.upload(&patient)?;
     case.wait_for("field", &case.post("field", &json!({}))?)?;
     let cut = case.osteotomy()?;
-    let mesh = match args.edge_mm {
-        Some(edge_mm) => json!({ "edge_mm": edge_mm, "osteotomy": cut.osteotomy }),
-        None => json!({ "osteotomy": cut.osteotomy }),
-    };
+    let mouth = if args.part_lips { "auto" } else { "glued" };
+    let mut mesh = json!({ "osteotomy": cut.osteotomy, "mouth": mouth });
+    if let Some(edge_mm) = args.edge_mm {
+        mesh["edge_mm"] = json!(edge_mm);
+    }
     case.wait_for("mesh", &case.post("mesh", &mesh)?)?;
     let plan = case.plan(&cut)?;
     let before = client.download(&case.path("skin?format=ply"))?;

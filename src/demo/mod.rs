@@ -45,6 +45,9 @@ pub struct DemoArgs {
     /// Edge length of the tetrahedra, mm [default: that of the service].
     #[arg(long)]
     pub edge_mm: Option<f64>,
+    /// The lips part, where the crease between them is found.
+    #[arg(long)]
+    pub part_lips: bool,
     /// Skip the second job (linear model) and its error map.
     #[arg(long)]
     pub no_compare: bool,

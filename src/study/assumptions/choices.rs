@@ -56,6 +56,7 @@ pub(super) fn choices() -> Vec<Choice> {
         choice("stripped bone: tied", |c| c.rules().stripped_mm = Some(0.0)),
         choice("stripped bone: 6 mm", |c| c.rules().stripped_mm = Some(6.0)),
         choice("stripped bone: 18 mm", |c| c.rules().stripped_mm = Some(18.0)),
+        choice("saw line: pushed only", |c| c.rules().saw_line = NodeClass::Sliding),
         choice("saw line: glides", |c| c.rules().saw_line = NodeClass::Gliding),
         choice("gliding: lets go at 1 kPa", |c| c.rules().pull_off_mpa = Some(1e-3)),
         choice("lips: part", |c| c.tissue.mouth = Mouth::Auto),

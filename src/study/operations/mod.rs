@@ -22,7 +22,7 @@ use prosopon_planning::plan::{
     propose,
 };
 use prosopon_planning::simulate::{
-    CutBone, Fields, FieldsSettings, LEAVE_OUT_BELOW_MM, RunSettings, TissueModel, TissueSettings, build_fields,
+    CutBone, Fields, FieldsSettings, LEAVE_OUT_BELOW_MM, Mouth, RunSettings, TissueModel, TissueSettings, build_fields,
     build_tissue, cut_bone, solve,
 };
 use prosopon_tissue::fem::PhaseTimes;
@@ -40,6 +40,8 @@ pub struct OperationStudy<'a> {
     pub cases: &'a [ModelCase],
     /// Run only operations whose name contains this text.
     pub only: Option<&'a str>,
+    /// Whether and where the lips part.
+    pub mouth: Mouth,
     /// Time limit of a solve, s.
     pub limit_s: f64,
     /// CSV file to write; the chart has the same name with `.svg`.
@@ -154,8 +156,8 @@ impl OperationStudy<'_> {
                     if !scenes.contains_key(&key) {
                         scenes.clear();
                     }
-                    let scene =
-                        scenes.entry(key).or_insert_with(|| scene(&head, &fields, &operation.templates, case.edge_mm));
+                    let made = || scene(&head, &fields, &operation.templates, &self.mouth, case.edge_mm);
+                    let scene = scenes.entry(key).or_insert_with(made);
                     let row = match scene {
                         Ok(scene) => self.solved(source, &head, scene, &operation, case)?,
                         Err(why) => Row::refused(&source.name(), &operation, case, why.clone()),
@@ -264,9 +266,15 @@ impl OperationStudy<'_> {
 }
 
 /// Cuts the bone and builds a mesh with this edge; the error is the reason in words.
-pub(super) fn scene(head: &Head, fields: &Fields, templates: &[Template], edge_mm: f64) -> Result<Scene, String> {
+pub(super) fn scene(
+    head: &Head,
+    fields: &Fields,
+    templates: &[Template],
+    mouth: &Mouth,
+    edge_mm: f64,
+) -> Result<Scene, String> {
     let mesh = MeshSettings { edge_mm, ..MeshSettings::default() };
-    scene_with(head, fields, templates, &TissueSettings { mesh, ..TissueSettings::default() })
+    scene_with(head, fields, templates, &TissueSettings { mesh, mouth: mouth.clone(), ..TissueSettings::default() })
 }
 
 /// Cuts the bone and builds the mesh; the error is the reason in words.

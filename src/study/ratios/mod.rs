@@ -15,7 +15,7 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, TriMesh};
 use prosopon_planning::evaluate::{Clinical, ClinicalInput, MovedBone, NoRatio, clinical};
 use prosopon_planning::plan::{Proposal, propose};
-use prosopon_planning::simulate::{FieldsSettings, LEAVE_OUT_BELOW_MM, RunSettings, build_fields, solve};
+use prosopon_planning::simulate::{FieldsSettings, LEAVE_OUT_BELOW_MM, Mouth, RunSettings, build_fields, solve};
 use published::{PUBLISHED, Published, SOURCES};
 
 /// Solves four operations on several heads and compares the soft-to-hard ratios with published ranges.
@@ -27,6 +27,8 @@ pub struct RatioStudy<'a> {
     pub case: &'a ModelCase,
     /// Run only operations whose name contains this text.
     pub only: Option<&'a str>,
+    /// Whether and where the lips part.
+    pub mouth: Mouth,
     /// Time limit of a solve, s.
     pub limit_s: f64,
     /// CSV file to write; the chart has the same name with `.svg`.
@@ -98,7 +100,7 @@ impl RatioStudy<'_> {
             proposal.fill(&mut head.landmarks);
             let fields = build_fields(&head.anatomy, &FieldsSettings::default(), &Control::new())?;
             for operation in of_ratios().iter().filter(|o| self.only.is_none_or(|only| o.name.contains(only))) {
-                let found = scene(&head, &fields, &operation.templates, self.case.edge_mm)
+                let found = scene(&head, &fields, &operation.templates, &self.mouth, self.case.edge_mm)
                     .and_then(|scene| self.measured(&head, &proposal, &scene, operation));
                 let new = match found {
                     Ok(found) => rows_of(&source.name(), operation, &found),

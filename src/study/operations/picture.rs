@@ -8,6 +8,8 @@ use crate::error::BenchError;
 
 const WIDTH: u32 = 1100;
 const ROW_PX: u32 = 17;
+/// Height of the legend below the plot.
+const LEGEND_PX: u32 = 30;
 
 fn color(end: End) -> RGBColor {
     match end {
@@ -37,7 +39,7 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
     }
     let said = |e: DrawingAreaErrorKind<_>| e.to_string();
     let slowest = rows.iter().map(|r| r.solve_s).fold(GOALS.1, f64::max);
-    let height = 150 + ROW_PX * names.len() as u32;
+    let height = 150 + LEGEND_PX + ROW_PX * names.len() as u32;
     let root = SVGBackend::with_string(svg, (WIDTH, height)).into_drawing_area();
     root.fill(&WHITE).map_err(said)?;
     let lines = names.len() as f64;
@@ -45,7 +47,8 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
     let quickest = solved.fold(GOALS.2, f64::min).max(0.1);
     let (low, high) = (0.5 * quickest, 1.5 * slowest);
     let seconds = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0, 300.0, 600.0].into_iter().filter(|t| *t < high);
-    let mut chart = ChartBuilder::on(&root)
+    let (plot, _) = root.split_vertically(height - LEGEND_PX);
+    let mut chart = ChartBuilder::on(&plot)
         .caption("Time of a solve, one mark per head and model", ("sans-serif", 20))
         .margin(16)
         .x_label_area_size(52)

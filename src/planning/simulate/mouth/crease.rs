@@ -192,6 +192,11 @@ fn ends(
             return Err(format!("its {name} corner would lie {width:.0} mm from the midline"));
         }
     }
+    if !(ends[0] < middle && middle < ends[1]) {
+        let fault =
+            "`cheilion_right` and `cheilion_left` lie on the wrong side of the midline: x grows to the patient's left";
+        return Err(fault.to_owned());
+    }
     let [narrow, wide] = [widths[0].min(widths[1]), widths[0].max(widths[1])];
     if wide > MAX_UNEVEN * narrow {
         return Err(format!("one half of the mouth would be {narrow:.0} mm wide and the other {wide:.0} mm"));

@@ -79,9 +79,18 @@ fn by_curve(face: &Face<'_>, points: &[Point]) -> Result<(Slit, Vec<Warning>), R
     Ok((slit, warnings))
 }
 
+/// Landmarks on the crease between the lips.
+const MOUTH_LANDMARKS: [&str; 3] = ["stomion", "cheilion_right", "cheilion_left"];
+
 fn by_crease(face: &Face<'_>) -> Result<(Slit, Vec<Warning>), Reason> {
     let place = place(face)?;
     let Crease { curve, depth_mm, usual_corner } = trace(face.skin, &place)?;
+    for (name, p) in face.landmarks.iter().filter(|(name, _)| MOUTH_LANDMARKS.contains(&name.as_str())) {
+        let nearest = curve.iter().map(|q| (q - p).norm()).fold(f64::INFINITY, f64::min);
+        if nearest > MAX_CURVE_OFF_MM {
+            return Err(format!("the landmark `{name}` lies {nearest:.0} mm off the crease between the lips"));
+        }
+    }
     let (slit, mut warnings) = behind(face, &curve)?;
     let source = match place.source {
         Source::Stomion => "by the crease of the skin at the landmark `stomion`",

@@ -78,6 +78,24 @@ fn a_chin_without_a_mouth_is_not_parted() {
     assert_eq!((slit, codes), (None, vec!["mouth-not-parted"]));
 }
 
+#[test]
+fn corners_on_the_wrong_side_and_landmarks_off_the_skin_leave_the_lips_joined() {
+    let phantom = head_with_mouth();
+    let moved = |name: &str, to: fn(Point) -> Point| -> Vec<(String, Point)> {
+        let all = phantom.landmarks.points.iter();
+        all.map(|(n, p)| (n.clone(), if n.starts_with(name) { to(*p) } else { *p })).collect()
+    };
+    let mirrored = |p: Point| Point::new(-p.x, p.y, p.z);
+    let cases = [
+        moved("cheilion", mirrored),
+        moved("cheilion_left", mirrored),
+        moved("stomion", |p| Point::new(p.x, 0.0, p.z)),
+    ];
+    for landmarks in cases {
+        assert_eq!(found(&phantom, &Mouth::Auto, &landmarks), (None, vec!["mouth-not-parted"]));
+    }
+}
+
 /// The user's vertices keep their order and place, every vertex at the mouth has its prism, and pulling the lips' nodes apart
 /// opens the skin without a triangle across the gap.
 #[test]

@@ -145,7 +145,7 @@ impl SolveWatch<'_> {
     /// Baselines of the last step; `None` for the others, which are for display, and after a cancellation.
     fn baselines(&self, t: f64, mapped: &Mapped<'_>) -> Option<BaselinesDocument> {
         let run = self.run.filter(|_| t >= 1.0)?;
-        let rest = &run.case.anatomy.skin;
+        let rest = &self.engine.skin(run, &self.cancel).ok()?;
         let below = BoneBelow { case: run.case.clone(), cuts: run.cuts.clone(), motions: run.plan.motions(t) };
         // The solver sees the cancellation at its next check.
         let bone = follow_bone(self.engine, &below, rest, &self.cancel).ok()?;

@@ -330,8 +330,7 @@ impl Engine for Numerics {
     fn clinical(&self, run: &Run, moved: &TriMesh, control: &Control) -> Result<Clinical, Halt> {
         let osteotomy = self.osteotomy_of(&run.case, &run.cuts, &control.stage(0.0, 0.5))?;
         let motions = run.plan.motions(1.0);
-        let rest = self.skin(run, &control.without_progress())?;
-        clinical_of(&run.case, &moved_bones(&osteotomy, &motions), [&rest, moved], &control.stage(0.5, 1.0))
+        clinical_of(&run.case, &moved_bones(&osteotomy, &motions), moved, &control.stage(0.5, 1.0))
     }
 
     fn nearest_bone(

@@ -96,6 +96,9 @@ impl Atlas {
         if !(height >= APERTURE_MM && height.is_finite()) {
             return Err(format!("`nasal_bone_tip` is {height:.0} mm from `ans`, expected is {APERTURE_MM} mm or more"));
         }
+        if aperture.z < 0.5 * height {
+            return Err("`nasal_bone_tip` must lie above `ans`".to_owned());
+        }
         let up = aperture / height;
         let left = up.cross(&(marks.pronasale - marks.ans)).try_normalize(1e-6);
         let left = left.filter(|n| n.x.abs() >= MIDPLANE_COSINE).map(|n| n * n.x.signum());

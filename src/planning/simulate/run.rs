@@ -8,8 +8,8 @@ use crate::plan::{Plan, PlanError};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector, Warning};
 use prosopon_tissue::fem::{
-    Boundary, Checkpoint, MotionNumbers, Prepared, SolveSettings, Solver, StartState, StepReport, motion_numbers,
-    motion_of_numbers,
+    Boundary, Checkpoint, MotionNumbers, Prepared, SolveError, SolveSettings, Solver, StartState, StepReport,
+    motion_numbers, motion_of_numbers,
 };
 use prosopon_tissue::mesh::{Attachment, MixedMesh};
 
@@ -167,6 +167,15 @@ impl PreparedTissue {
             Vec::new()
         };
         left_out.iter().for_each(|node| mesh.attachment[*node as usize] = Attachment::Fixed);
+        let is_held = |a: &Attachment| matches!(a, Attachment::Fixed | Attachment::Tied(_));
+        if !left_out.is_empty() && mesh.attachment.iter().all(is_held) {
+            let detail = format!(
+                "no tissue is tied to the moving segments, glides on them or is pushed by them ({} nodes were painted); paint \
+                 tissue at these segments `tied`",
+                attached.painted
+            );
+            return Err(SolveError::Problem { detail }.into());
+        }
         let boundary = Boundary { tied_share, foundation_n_mm, ..Boundary::default() };
         let solver = SolveSettings { pull_off_mpa: rules.pull_off_mpa, ..settings.solver.clone() };
         let equations = Prepared::new(&mesh, &bone.bodies(), &boundary, solver, control)?;

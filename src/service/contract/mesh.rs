@@ -11,6 +11,8 @@ use prosopon_geometry::{Aabb, Point};
 use prosopon_planning::simulate::{Mouth, TissueSettings};
 use prosopon_tissue::mesh::{MeshReport, MeshSettings};
 
+/// Width of the curve between the lips, mm; adults have 40 to 60 mm between the corners of the mouth.
+const MOUTH_WIDTH_MM: [f64; 2] = [10.0, 100.0];
 /// Most points of the curve between the lips.
 const MAX_CURVE_POINTS: usize = 200;
 
@@ -39,6 +41,12 @@ impl MouthDocument {
         }
         if !(3..=MAX_CURVE_POINTS).contains(&points.len()) {
             check.fault("/mouth/curve", format!("has {} points, allowed are 3 to {MAX_CURVE_POINTS}", points.len()));
+        }
+        let width_mm = points.first().zip(points.last()).map_or(0.0, |(a, b)| (b[0] - a[0]).abs());
+        let [least, most] = MOUTH_WIDTH_MM;
+        if points.len() > 2 && width_mm.is_finite() && !(least..=most).contains(&width_mm) {
+            let what = format!("is {width_mm:.3} wide, allowed are {least} to {most} mm; coordinates are in mm");
+            check.fault("/mouth/curve", what);
         }
         let rises = points.windows(2).all(|w| w[1][0] > w[0][0]);
         let falls = points.windows(2).all(|w| w[1][0] < w[0][0]);
@@ -244,7 +252,9 @@ mod tests {
             faults.into_iter().map(|f| f.pointer).collect::<Vec<_>>()
         };
         assert_eq!(pointers(vec![[0.0; 3], [9.0, 0.0, 0.0]]), ["/mouth/curve"]);
-        assert_eq!(pointers(vec![[0.0; 3], [9.0, 0.0, 0.0], [8.0, 0.0, 0.0]]), ["/mouth/curve"]);
+        assert_eq!(pointers(vec![[0.0; 3], [20.0, 0.0, 0.0], [18.0, 0.0, 0.0]]), ["/mouth/curve"]);
+        // Metres.
+        assert_eq!(pointers(vec![[0.0; 3], [0.025, 0.0, 0.0], [0.05, 0.0, 0.0]]), ["/mouth/curve"]);
         assert_eq!(pointers(vec![[0.0; 3], [9.0, 2e4, 0.0], [18.0, 0.0, 0.0]]), ["/mouth/curve/1/1"]);
         assert_eq!(pointers(vec![[18.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0; 3]]), Vec::<String>::new());
     }

@@ -16,6 +16,15 @@ pub struct SkinFrame {
 }
 
 impl SkinFrame {
+    /// The frame of `rest`, which nothing has moved.
+    #[must_use]
+    pub fn at_rest(rest: &TriMesh) -> Self {
+        let positions_mm: Vec<[f32; 3]> =
+            rest.positions().iter().map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
+        let displacement_mm = vec![0.0; positions_mm.len()];
+        Self { positions_mm, displacement_mm, error_mm: None }
+    }
+
     /// Encodes the frame.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {

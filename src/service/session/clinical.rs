@@ -13,18 +13,18 @@ pub(super) fn moved_bones<'a>(osteotomy: &'a Osteotomy, motions: &[(u32, Motion)
     osteotomy.segments.iter().map(|s| MovedBone { surface: &s.surface, motion: motion(s.id) }).collect()
 }
 
-/// Measures the skin `moved` of a case in a surgeon's terms; landmarks that the case lacks are proposed.
+/// Measures the skin in a surgeon's terms, from `rest` to `moved`; landmarks that the case lacks are proposed.
 pub(super) fn clinical_of(
     case: &Case,
     bones: &[MovedBone<'_>],
-    moved: &TriMesh,
+    [rest, moved]: [&TriMesh; 2],
     control: &Control,
 ) -> Result<Clinical, Halt> {
     let anatomy = &case.anatomy;
     let proposal = propose(&anatomy.skin, &anatomy.skull);
     control.check()?;
     let input = ClinicalInput {
-        rest: &anatomy.skin,
+        rest,
         moved,
         given: &anatomy.landmarks,
         proposed: &proposal.points,

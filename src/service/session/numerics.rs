@@ -288,9 +288,10 @@ impl Engine for Numerics {
             let lacks = simulate::region_warning(&run.case.anatomy, &bone, &moving, &run.tissue.settings);
             lacks.into_iter().for_each(|warning| watch.warning(warning));
         }
-        for warning in run.settings.solver.stability_warnings(&tissue.mesh) {
-            watch.warning(warning);
-        }
+        // Before the solve, so that they are there when it fails.
+        let solver = &run.settings.solver;
+        let materials = [solver.stiffness_warnings(&tissue.mesh), solver.stability_warnings(&tissue.mesh)];
+        materials.into_iter().flatten().for_each(|warning| watch.warning(warning));
         watch.stage("solve");
         let ready = Ready { run, bone: &bone, tissue: &tissue };
         let control = control.stage(shares[2], 1.0);
@@ -330,7 +331,8 @@ impl Engine for Numerics {
     fn clinical(&self, run: &Run, moved: &TriMesh, control: &Control) -> Result<Clinical, Halt> {
         let osteotomy = self.osteotomy_of(&run.case, &run.cuts, &control.stage(0.0, 0.5))?;
         let motions = run.plan.motions(1.0);
-        clinical_of(&run.case, &moved_bones(&osteotomy, &motions), moved, &control.stage(0.5, 1.0))
+        let rest = self.skin(run, &control.without_progress())?;
+        clinical_of(&run.case, &moved_bones(&osteotomy, &motions), [&rest, moved], &control.stage(0.5, 1.0))
     }
 
     fn nearest_bone(

@@ -33,10 +33,21 @@ async fn frames_and_topology_have_the_documented_layout() {
     assert!(values[24..].iter().all(|d| (d - moved).abs() < 1e-6));
     let lowest_y = values[..24].as_chunks::<3>().0.iter().map(|p| p[1]).fold(f32::MAX, f32::min);
     assert_eq!(lowest_y, -103.0);
+    let rest = app.get(&format!("{job}/steps/0/frame")).await;
+    assert_eq!(rest.header("prosopon-scalars"), "displacement_mm");
+    let at_rest = floats(&rest.body);
+    assert!(at_rest.len() == 4 * 8 && at_rest[24..].iter().all(|d| *d == 0.0));
+    assert_eq!(at_rest[..24].as_chunks::<3>().0.iter().map(|p| p[1]).fold(f32::MAX, f32::min), -100.0);
+    let stl_at_rest = app.get(&format!("{job}/steps/0/skin?format=stl")).await;
+    assert_eq!(stl_at_rest.body.len(), 84 + 50 * 12);
+    app.get(&format!("{job}/steps/0/skin?register=true")).await.problem(404, "not-found");
+    app.get(&format!("{job}/steps/3/skin")).await.problem(404, "not-found");
     // The current skin of the session no longer matters.
     app.upload(&format!("{session}/skin"), stl(&cube([0.0; 3], 50.0))).await.ok();
     assert_eq!(app.get(&format!("{job}/steps/1/frame")).await.body, frame.body);
     assert_eq!(app.get(&format!("{job}/topology")).await.body, topology.body);
+    assert_eq!(app.get(&format!("{job}/steps/0/frame")).await.body, rest.body);
+    assert_eq!(app.get(&format!("{job}/steps/0/skin?format=stl")).await.body, stl_at_rest.body);
     for (format, magic) in [("glb", "glTF"), ("ply", "ply\n"), ("stl", "")] {
         let skin = app.get(&format!("{job}/steps/1/skin?format={format}")).await;
         assert!(skin.status.is_success() && skin.body.starts_with(magic.as_bytes()), "{format}");

@@ -76,11 +76,19 @@ impl Section {
         };
         let mut outer = chains.swap_remove(first);
         let is_loop = outer.len() > 3 && outer.first() == outer.last();
+        let hindmost = (0..outer.len()).max_by(|a, b| position(&outer[*a]).y.total_cmp(&position(&outer[*b]).y));
+        let hindmost = hindmost.unwrap_or(0);
         if is_loop {
             // Begin at the hindmost point, so that no profile runs over the loop's end.
             outer.pop();
-            let hindmost = (0..outer.len()).max_by(|a, b| position(&outer[*a]).y.total_cmp(&position(&outer[*b]).y));
-            outer.rotate_left(hindmost.unwrap_or(0));
+            outer.rotate_left(hindmost);
+        } else if outer.get(hindmost).is_some_and(|p| position(p).y > foremost(&outer) + PROFILE_BEHIND_MM) {
+            // Parted lips cut the loop round a head open: the line runs from one lip over the back of the head to the other.
+            let mut rest = outer.split_off(hindmost);
+            if rest.iter().map(|p| position(p).y).fold(f64::INFINITY, f64::min) < foremost(&outer) {
+                std::mem::swap(&mut outer, &mut rest);
+            }
+            chains.push(rest);
         }
         let nose = (0..outer.len()).min_by(|a, b| position(&outer[*a]).y.total_cmp(&position(&outer[*b]).y));
         let Some(mut nose) = nose else { return Self::default() };
@@ -204,6 +212,8 @@ fn chains(skin: &TriMesh, midline_x_mm: f64) -> Vec<Vec<SurfacePoint>> {
 mod tests {
     use super::*;
     use crate::phantom::{head, surface_of};
+    use prosopon_geometry::TopologyFaults;
+    use prosopon_tissue::mesh::{Slit, SlitKnot, part_skin};
 
     #[test]
     fn the_section_of_the_phantom_runs_from_brow_to_neck_along_its_skin() {
@@ -224,6 +234,27 @@ mod tests {
         let moved = section.points[40].on(&shifted) - section.rest[40];
         assert!((moved - prosopon_geometry::Vector::new(1.0, -2.0, 3.0)).norm() < 1e-12);
         assert!(Section::new(&skin, 500.0).rest.is_empty());
+    }
+
+    #[test]
+    fn parting_the_lips_of_a_closed_skin_breaks_its_line_at_the_slit_and_moves_no_point() {
+        let head = head();
+        let skin = surface_of(head.skin.as_ref(), &head.bounds(), 2.0).unwrap();
+        assert!(TopologyFaults::of(&skin).is_closed_manifold());
+        let whole = Section::near(&skin, 0.3);
+        let lips = whole.rest.iter().find(|p| p.z < 1.0).unwrap();
+        let knot = |x: f64| SlitKnot { front: Point::new(x, lips.y, 1.0), back_y: lips.y + 60.0 };
+        let slit = Slit::new([-22.0, -8.0, 0.3, 8.0, 22.0].map(knot).to_vec()).unwrap();
+        let parted = part_skin(&skin, &slit).unwrap().skin;
+        let section = Section::near(&parted, 0.3);
+        let [begin] = section.breaks[..] else { panic!("{:?}", section.breaks) };
+        // Both margins lie on the slit, and the line below it reaches the neck as on the whole skin.
+        for margin in [section.rest[begin - 1], section.rest[begin]] {
+            assert!((margin.z - 1.0).abs() < 1e-9, "{margin}");
+        }
+        assert_eq!(section.rest.len(), whole.rest.len() + 2);
+        let is_known = |p: &Point| section.rest.iter().any(|q| (p - q).norm() < 1e-9);
+        assert!(whole.rest.iter().all(is_known));
     }
 
     #[test]

@@ -36,7 +36,9 @@ pub(super) fn trace(skin: &TriMesh, place: &Place) -> Result<Crease, Reason> {
     let inner = first + quarter..last - quarter;
     let depth_mm = inner.clone().map(|i| scores.depth(i, path[i])).sum::<f64>() / inner.len().max(1) as f64;
     if depth_mm < MIN_CREASE_MM {
-        return Err(format!("the skin has no clear crease between the lips ({depth_mm:.2} mm deep)"));
+        return Err(format!(
+            "the skin's crease between the lips is {depth_mm:.2} mm deep, at least {MIN_CREASE_MM} mm are needed"
+        ));
     }
     let half = (SMOOTH_HALF_MM / PIXEL_MM) as usize;
     let curve: Vec<Point> = (first..=last)

@@ -12,7 +12,7 @@ mod tuning;
 
 use crease::{Crease, trace};
 use front::Front;
-use place::{Source, place};
+use place::{Place, Source, place};
 use prosopon_geometry::{Implicit, Point, TriMesh, Warning};
 use prosopon_tissue::mesh::{Slit, SlitKnot};
 use tuning::{
@@ -68,15 +68,48 @@ fn by_curve(face: &Face<'_>, points: &[Point]) -> Result<(Slit, Vec<Warning>), R
     let front = Front::of(face.skin, points, MIN_LIP_MM).ok_or("the curve has no point")?;
     let mut curve = Vec::with_capacity(points.len());
     for (index, p) in points.iter().enumerate() {
-        let y = front.at(p.x, p.z).ok_or_else(|| format!("point {index} of the curve lies beside the skin"))?;
+        let at = format!("point {index} of the curve, ({:.1}, {:.1}, {:.1}) mm,", p.x, p.y, p.z);
+        let y = front.at(p.x, p.z).ok_or_else(|| format!("{at} lies beside the skin"))?;
         if (y - p.y).abs() > MAX_CURVE_OFF_MM {
-            return Err(format!("point {index} of the curve lies {:.1} mm off the skin's front", (y - p.y).abs()));
+            return Err(format!("{at} lies {:.1} mm off the skin's front at y = {y:.1}", (y - p.y).abs()));
         }
         curve.push(Point::new(p.x, y, p.z));
     }
     let (slit, mut warnings) = behind(face, &curve)?;
     warnings.insert(0, parted(&slit, "along the curve that was given"));
+    // Where no place is known, there is nothing to compare with.
+    if let Ok(place) = place(face) {
+        warnings.extend(elsewhere(&slit, &place));
+    }
     Ok((slit, warnings))
+}
+
+/// Warning about a curve that lies where no mouth is.
+fn elsewhere(slit: &Slit, place: &Place) -> Option<Warning> {
+    let [right, left] = slit.span();
+    let by = match place.source {
+        Source::Stomion => "the landmark `stomion`",
+        Source::Incisors => "the upper incisors",
+        Source::Profile => "nose and chin",
+    };
+    let [low, high] = place.heights;
+    let x = place.midline;
+    let message = if !(right..left).contains(&x) {
+        format!(
+            "the curve between the lips runs from x = {right:.0} to {left:.0} mm, beside the midline at x = {x:.0} mm"
+        )
+    } else {
+        let z = -slit.height(&Point::new(x, slit.front_y(x), 0.0));
+        let off = (low - z).max(z - high);
+        if off <= MAX_CURVE_OFF_MM {
+            return None;
+        }
+        format!(
+            "the curve between the lips lies {off:.0} mm {} where {by} place the mouth (z = {low:.0} to {high:.0} mm)",
+            if z < low { "below" } else { "above" }
+        )
+    };
+    Some(Warning::check("mouth-elsewhere", message).act("Check the curve that was given as `mouth`."))
 }
 
 /// Landmarks on the crease between the lips.

@@ -51,7 +51,7 @@ pub(super) const SMOOTH_HALF_MM: f64 = 4.0;
 
 /// Distance of the slit's knots.
 pub(super) const KNOT_STEP_MM: f64 = 2.0;
-/// A given curve may lie this far off the skin.
+/// A given curve may lie this far off the skin, and this far above or below the place at which a crease is looked for.
 pub(super) const MAX_CURVE_OFF_MM: f64 = 8.0;
 /// Room around a given curve in which the skin is looked at.
 pub(super) const MIN_LIP_MM: f64 = 3.0;

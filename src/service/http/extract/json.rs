@@ -139,12 +139,24 @@ mod tests {
         #[serde(default)]
         #[expect(dead_code)]
         planes: Vec<Plane>,
+        #[serde(default)]
+        #[expect(dead_code)]
+        shape: Shape,
     }
 
     #[derive(Debug, serde::Deserialize)]
     struct Plane {
         point: [f64; 3],
         offset: f64,
+    }
+
+    #[derive(Debug, Default, serde::Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    #[expect(dead_code)]
+    enum Shape {
+        #[default]
+        None,
+        Box(Vec<f64>),
     }
 
     #[derive(Debug, serde::Deserialize)]
@@ -178,6 +190,10 @@ mod tests {
         check(r#"{"values": [], "values": []}"#, FaultKind::InvalidRequest, Some("/values"));
         check(r#"{"values": [], "point": [1, 2, 3, 4]}"#, FaultKind::InvalidRequest, Some("/point"));
         check(r#"{"values": [], "name": 3}"#, FaultKind::InvalidRequest, Some("/name"));
+        check(r#"{"values": [], "shape": {"box": [1, 2], "other": 3}}"#, FaultKind::InvalidRequest, Some("/shape"));
+        check(r#"{"values": [], "shape": {}}"#, FaultKind::InvalidRequest, Some("/shape"));
+        check(r#"{"values": [], "shape": 5}"#, FaultKind::InvalidRequest, Some("/shape"));
+        check(r#"{"values": [], "shape": {"box": [1, "x"]}}"#, FaultKind::InvalidRequest, Some("/shape/box/1"));
         check(r#"{"values": [], "plane": [[1, 2, 3], 4]}"#, FaultKind::InvalidRequest, Some("/plane"));
         check(
             r#"{"values": [], "planes": [{"point": [1, 2, 3], "offset": 4}, [[1, 2, 3], 4]]}"#,

@@ -76,7 +76,18 @@ impl<'de> Deserializer<'de> for Strict<'de> {
         variants: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Error> {
-        let Value::Object(object) = self.0 else { return self.0.deserialize_enum(name, variants, visitor) };
+        let names = || variants.iter().map(|v| format!("`{v}`")).collect::<Vec<_>>().join(", ");
+        let object = match self.0 {
+            Value::String(_) => return self.0.deserialize_enum(name, variants, visitor),
+            Value::Object(object) => object,
+            Value::Null | Value::Bool(_) | Value::Number(_) | Value::Array(_) => {
+                return Err(Error::custom(format!("must be one of {}", names())));
+            }
+        };
+        if object.len() != 1 {
+            let found = object.len();
+            return Err(Error::custom(format!("must have exactly one member, one of {}, but has {found}", names())));
+        }
         visitor.visit_enum(MapAccessDeserializer::new(MapDeserializer::new(Self::members(object))))
     }
 

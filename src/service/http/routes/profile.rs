@@ -37,7 +37,11 @@ pub(in crate::http) async fn profile(
     }
     let report: ReportDocument = from_json("the report", &text)?;
     let Some(clinical) = report.clinical else {
-        let detail = "the job has no profile: it solved an uploaded tissue mesh, or an earlier version solved it";
+        let detail = if report.findings.warnings.iter().any(|w| w.code == "points-not-measured") {
+            "the job has no profile: named points could not be measured; its warning `points-not-measured` says why"
+        } else {
+            "the job has no profile: it solved an uploaded tissue mesh, or an earlier version solved it"
+        };
         return Err(Problem::new(FaultKind::NotFound, detail));
     };
     let svg = state.service.compute(move |_, _| Ok(profile_picture(&clinical)?)).await?;

@@ -16,8 +16,8 @@ use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
 use prosopon_contract::{ErrorDocument, Fault, FaultKind, WarningDocument, from_json};
 use prosopon_formats::export::SurfaceView;
-use prosopon_geometry::Vector;
-use prosopon_jobs::{Service, rest_of};
+use prosopon_geometry::{TriMesh, Vector};
+use prosopon_jobs::{Service, SkinFrame, rest_of};
 use prosopon_planning::evaluate::{Layer, View, moved_along, render_panels as draw};
 use prosopon_session::error_sheet;
 use prosopon_store::{JobId, JobRecord, StepRecord};
@@ -103,6 +103,13 @@ pub(in crate::http) struct PictureQuery {
     movement: Option<Movement>,
 }
 
+/// A solve, and its skin at rest: step 0.
+async fn at_rest(service: &Service, id: JobId) -> Result<(JobRecord, TriMesh), Problem> {
+    let job = service.job(id).await?;
+    let rest = rest_of(service, &job).await?;
+    Ok((job, rest))
+}
+
 async fn find(service: &Service, id: JobId, k: u32) -> Result<(JobRecord, StepRecord), Problem> {
     let job = service.job(id).await?;
     if k == 0 || k > job.steps {
@@ -140,7 +147,8 @@ pub(in crate::http) async fn topology(
 
 /// Read the deformed skin of a step
 ///
-/// Returns the surface with `displacement_mm` of every vertex and, if the step has an error map, `error_mm`.
+/// Returns the surface with `displacement_mm` of every vertex and, if the step has an error map, `error_mm`. Step 0 is the skin
+/// at rest, without an error.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/skin", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), SkinQuery),
     responses((status = 200, description = "The surface.", content(
@@ -153,9 +161,25 @@ pub(in crate::http) async fn skin(
     Params(query): Params<SkinQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (job, step) = find(&state.service, id, k).await?;
     let format = SurfaceOutput::choose(query.format, &headers)?;
     let query = ErrorQuery { reference: query.reference, register: query.register };
+    if k == 0 {
+        if query.is_asked() {
+            let detail = "step 0 is the skin at rest, which has no error; name a step from 1 on";
+            return Err(Problem::new(FaultKind::NotFound, detail));
+        }
+        let (job, rest) = at_rest(&state.service, id).await?;
+        let key = [job.rest_blob.as_deref().unwrap_or_default(), "step 0"];
+        return send_surface(&state, &headers, format, &key, async {
+            Ok(move || {
+                let frame = SkinFrame::at_rest(&rest);
+                let scalars = [("displacement_mm", frame.displacement_mm.as_slice())];
+                format.write(&SurfaceView { mesh: &rest, scalars: &scalars, colours: None })
+            })
+        })
+        .await;
+    }
+    let (job, step) = find(&state.service, id, k).await?;
     let key = query.key(&state.service, &job, &step).await?;
     send_surface(&state, &headers, format, &[&key], async {
         let (_, mesh, mut frame) = load(&state.service, &job, &step).await?;
@@ -173,7 +197,8 @@ pub(in crate::http) async fn skin(
 
 /// Read the frame of a step
 ///
-/// Returns the deformed skin as little-endian f32: positions, then scalars, as `api/frames.md` describes.
+/// Returns the deformed skin as little-endian f32: positions, then scalars, as `api/frames.md` describes. Step 0 is the skin at
+/// rest.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/frame", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path)),
     responses((status = 200, description = "The frame.", body = Vec<u8>, content_type = "application/octet-stream"),
@@ -183,14 +208,20 @@ pub(in crate::http) async fn frame(
     Ids((id, k)): Ids<(JobId, u32)>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (_, step) = find(&state.service, id, k).await?;
-    // The answer is the stored bytes, so their hash is the tag.
-    let tag = format!("\"{}\"", step.sha256);
-    if let Some(known) = not_modified(&headers, &tag) {
-        return Ok(known);
-    }
-    let bytes = state.service.store().blobs().get(&step.blob).await?;
-    let scalars = if step.error.is_some() { "displacement_mm,error_mm" } else { "displacement_mm" };
+    let (tag, bytes, scalars) = if k == 0 {
+        let (job, rest) = at_rest(&state.service, id).await?;
+        let tag = tag_of(&[job.rest_blob.as_deref().unwrap_or_default(), "frame 0"]);
+        (tag, SkinFrame::at_rest(&rest).encode().into(), "displacement_mm")
+    } else {
+        let (_, step) = find(&state.service, id, k).await?;
+        let scalars = if step.error.is_some() { "displacement_mm,error_mm" } else { "displacement_mm" };
+        // The answer is the stored bytes, so their hash is the tag.
+        let tag = format!("\"{}\"", step.sha256);
+        if let Some(known) = not_modified(&headers, &tag) {
+            return Ok(known);
+        }
+        (tag, state.service.store().blobs().get(&step.blob).await?, scalars)
+    };
     let mut response = tagged(&headers, &tag, "application/octet-stream", bytes)?;
     response.headers_mut().insert("prosopon-scalars", axum::http::HeaderValue::from_static(scalars));
     Ok(response)

@@ -82,6 +82,11 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     };
     let mut warnings: Vec<WarningDocument> = solved.outcome.warnings.iter().cloned().map(Into::into).collect();
     warnings.extend(solved.warnings.iter().cloned());
+    if request.request.materials.cartilage.is_some() && !request.mesh.settings.cartilage {
+        let message = "materials.cartilage was not used: the mesh has no cartilage";
+        let action = "Build the mesh with `cartilage: true`, or leave the material out.";
+        warnings.push(Warning::check("material-not-used", message).act(action).into());
+    }
     let mesh_s = match (parts.get(PartKind::Mesh), &solved.mesh) {
         (Some(part), _) if part.key == request.mesh_key => part.wall_s,
         (_, Some((_, wall_s))) => *wall_s,

@@ -126,7 +126,16 @@ impl<'a> SolveWatch<'a> {
                     mask: Some(&self.mask),
                     regions: &self.regions,
                 };
-                let baselines = self.baselines(frame.t, &mapped);
+                let baselines = match self.baselines(frame.t, &mapped) {
+                    Ok(baselines) => baselines,
+                    // The solver sees the cancellation at its next check.
+                    Err(Halt::Cancelled) => None,
+                    Err(Halt::Fault(fault)) => {
+                        let message = format!("simple predictions could not be compared with {name}: {}", fault.detail);
+                        self.warnings.push(Warning::check("step-not-compared", message).into());
+                        None
+                    }
+                };
                 let document = ErrorDocument { models, baselines, ..ErrorDocument::new(name, "face", &map) };
                 Some((document, map.signed_mm))
             }
@@ -142,14 +151,13 @@ impl<'a> SolveWatch<'a> {
 }
 
 impl SolveWatch<'_> {
-    /// Baselines of the last step; `None` for the others, which are for display, and after a cancellation.
-    fn baselines(&self, t: f64, mapped: &Mapped<'_>) -> Option<BaselinesDocument> {
-        let run = self.run.filter(|_| t >= 1.0)?;
-        let rest = &self.engine.skin(run, &self.cancel).ok()?;
+    /// Baselines of the last step; `None` for the others, which are for display.
+    fn baselines(&self, t: f64, mapped: &Mapped<'_>) -> Result<Option<BaselinesDocument>, Halt> {
+        let Some(run) = self.run.filter(|_| t >= 1.0) else { return Ok(None) };
+        let rest = self.engine.skin(run, &self.cancel)?;
         let below = BoneBelow { case: run.case.clone(), cuts: run.cuts.clone(), motions: run.plan.motions(t) };
-        // The solver sees the cancellation at its next check.
-        let bone = follow_bone(self.engine, &below, rest, &self.cancel).ok()?;
-        baselines(mapped, rest, bone, &self.cancel).ok()
+        let bone = follow_bone(self.engine, &below, &rest, &self.cancel)?;
+        baselines(mapped, &rest, bone, &self.cancel).map(Some)
     }
 }
 

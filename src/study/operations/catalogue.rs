@@ -85,7 +85,14 @@ pub(crate) fn of_ratios() -> Vec<Operation> {
         operation("bsso set-back 5", &BSSO, shift(DISTAL, -5.0)),
         operation("bsso advance 5", &BSSO, shift(DISTAL, 5.0)),
         operation("genioplasty 5 forward", &[Template::Genioplasty], shift("chin", 5.0)),
+        jaws_apart(),
     ]
+}
+
+/// The upper jaw forward and the lower one back: lips that are joined draw each other along.
+fn jaws_apart() -> Operation {
+    let moves = vec![Move::shift(MAXILLA, [0.0, -5.0, 0.0]), Move::shift(DISTAL, [0.0, 5.0, 0.0])];
+    operation("bimaxillary 5 and -5", &BOTH_JAWS, moves)
 }
 
 fn operation(name: &str, templates: &[Template], moves: Vec<Move>) -> Operation {
@@ -161,11 +168,7 @@ fn both_jaws() -> Vec<Operation> {
         ("c", ([0.8, -1.1, 0.5], 1.9), ([2.8, 4.7, 2.7], 2.3), [3.3, 4.8]),
     ];
     let mut all = vec![
-        operation(
-            "bimaxillary 5 and -5",
-            &BOTH_JAWS,
-            vec![Move::shift(MAXILLA, [0.0, -5.0, 0.0]), Move::shift(DISTAL, [0.0, 5.0, 0.0])],
-        ),
+        jaws_apart(),
         operation(
             "bimaxillary 4 up, 6 forward",
             &BOTH_JAWS,

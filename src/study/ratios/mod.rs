@@ -3,6 +3,7 @@
 mod picture;
 mod published;
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
@@ -12,8 +13,8 @@ use super::head::{Head, HeadSource};
 use super::model_case::{ModelCase, clock};
 use super::operations::{Operation, Scene, of_ratios, plan, scene};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Motion, TriMesh};
-use prosopon_planning::evaluate::{Clinical, ClinicalInput, MovedBone, NoRatio, clinical};
+use prosopon_geometry::{Motion, TriMesh, Vector};
+use prosopon_planning::evaluate::{Clinical, ClinicalInput, MovedBone, NamedPoint, NoRatio, clinical};
 use prosopon_planning::plan::{Proposal, propose};
 use prosopon_planning::simulate::{FieldsSettings, LEAVE_OUT_BELOW_MM, Mouth, RunSettings, build_fields, solve};
 use published::{PUBLISHED, Published, SOURCES};
@@ -66,8 +67,11 @@ struct Row {
     operation: String,
     measure: String,
     hard: &'static str,
-    /// The value, or why there is none.
-    value: Result<f64, String>,
+    /// The value for the point of skin that was there at rest, or why there is none.
+    followed: Result<f64, String>,
+    /// The value for the point that is found again on the deformed profile, as studies do on their second picture. This one is
+    /// compared with the published range.
+    again: Option<f64>,
     /// Movement of the soft point forward, down and to the left, mm.
     moved_mm: [f64; 3],
     published: Option<[f64; 2]>,
@@ -76,12 +80,12 @@ struct Row {
 impl Row {
     /// Where the value lies relative to the published range.
     fn verdict(&self) -> &'static str {
-        match (&self.value, self.published) {
-            (Ok(v), Some([low, _])) if *v < low => "below",
-            (Ok(v), Some([_, high])) if *v > high => "above",
-            (Ok(_), Some(_)) => "within",
-            (Ok(_), None) => "",
-            (Err(_), _) => "unknown",
+        match (self.again, self.published) {
+            (Some(v), Some([low, _])) if v < low => "below",
+            (Some(v), Some([_, high])) if v > high => "above",
+            (Some(_), Some(_)) => "within",
+            (Some(_), None) => "",
+            (None, _) => "unknown",
         }
     }
 }
@@ -113,7 +117,7 @@ impl RatioStudy<'_> {
                 write(self.csv, csv(&rows).as_bytes())?;
             }
         }
-        if rows.iter().any(|r| r.value.is_ok() && r.published.is_some()) {
+        if rows.iter().any(|r| r.again.is_some() && r.published.is_some()) {
             write(&self.csv.with_extension("svg"), picture::of_ratios(&rows)?.as_bytes())?;
         }
         summary(&rows, out)
@@ -125,7 +129,7 @@ impl RatioStudy<'_> {
         proposal: &Proposal,
         scene: &Scene,
         operation: &Operation,
-    ) -> Result<Clinical, String> {
+    ) -> Result<Found, String> {
         let plan = plan(&scene.bone, &operation.moves, &head.landmarks)?;
         let settings = RunSettings {
             solver: self.case.settings(),
@@ -143,19 +147,39 @@ impl RatioStudy<'_> {
         let segments = scene.bone.osteotomy.segments.iter();
         let bones: Vec<_> = segments.map(|s| MovedBone { surface: &s.surface, motion: motion(s.id) }).collect();
         let input = ClinicalInput {
-            rest: &anatomy.skin,
+            rest: scene.tissue.skin(anatomy),
             moved: &moved,
             given: &anatomy.landmarks,
             proposed: &proposal.points,
             midline_x_mm: head.landmarks.midline_x_mm.unwrap_or(proposal.midline_x_mm),
             bones: &bones,
         };
-        clinical(&input, &Control::new()).map_err(|error| error.to_string())
+        let clinical = clinical(&input, &Control::new()).map_err(|error| error.to_string())?;
+        Ok(Found { again: found_again(&input)?, clinical })
     }
 }
 
+/// What is measured after one operation.
+struct Found {
+    clinical: Clinical,
+    /// Movement of each soft point between its places on the two profiles, each found without knowledge of the other.
+    again: BTreeMap<&'static str, Vector>,
+}
+
+/// Finds the soft points on the profile at rest and once more on the deformed one, as studies do on two pictures.
+fn found_again(input: &ClinicalInput<'_>) -> Result<BTreeMap<&'static str, Vector>, String> {
+    let nothing = BTreeMap::new();
+    let places = |skin| {
+        let alone = ClinicalInput { rest: skin, moved: skin, given: &[], proposed: &nothing, bones: &[], ..*input };
+        clinical(&alone, &Control::new()).map(|found| found.soft).map_err(|error| error.to_string())
+    };
+    let (before, after) = (places(input.rest)?, places(input.moved)?);
+    let moved = |p: &NamedPoint| Some((p.name, after.iter().find(|q| q.name == p.name)?.rest - p.rest));
+    Ok(before.iter().filter_map(moved).collect())
+}
+
 /// One row for each ratio that exists, and for each published range.
-fn rows_of(head: &str, operation: &Operation, found: &Clinical) -> Vec<Row> {
+fn rows_of(head: &str, operation: &Operation, Found { clinical: found, again }: &Found) -> Vec<Row> {
     let ranges: Vec<&Published> = PUBLISHED.iter().filter(|p| operation.name.contains(p.operation)).collect();
     let mut measures: Vec<Measure> = found
         .ratios
@@ -173,7 +197,8 @@ fn rows_of(head: &str, operation: &Operation, found: &Clinical) -> Vec<Row> {
             operation: operation.name.clone(),
             measure: measure.name(),
             hard: ratio.and_then(|r| r.hard).unwrap_or(""),
-            value: value(measure, found),
+            again: again.get(measure.point()).and_then(|moved| share(measure, moved, found).ok()),
+            followed: value(measure, found),
             moved_mm: [-moved.y, -moved.z, moved.x],
             published: ranges.iter().find(|p| p.measure == measure).map(|p| p.range),
         }
@@ -182,24 +207,25 @@ fn rows_of(head: &str, operation: &Operation, found: &Clinical) -> Vec<Row> {
 }
 
 fn value(measure: Measure, found: &Clinical) -> Result<f64, String> {
-    let unknown = |why: NoRatio| match why {
-        NoRatio::NoSoftPoint => "the soft point was not found".to_owned(),
-        NoRatio::NoHardPoint => "the hard point was not found".to_owned(),
-        NoRatio::Still(mm) => format!("the hard point moves by {mm:.2} mm"),
-    };
+    let soft = found.soft.iter().find(|p| p.name == measure.point()).ok_or("the soft point was not found")?;
+    share(measure, &soft.movement(), found)
+}
+
+/// The measure of a soft point that moves by `moved`, in proportion to its hard point.
+fn share(measure: Measure, moved: &Vector, found: &Clinical) -> Result<f64, String> {
     let ratio = found.ratios.iter().find(|r| r.soft == measure.point()).ok_or("no such point")?;
-    match measure {
-        Measure::Ratio(_) => ratio.ratio.map_err(unknown),
-        Measure::UpPerAdvance(point) => {
-            ratio.ratio.map_err(unknown)?;
-            let of = |points: &[prosopon_planning::evaluate::NamedPoint], name: &str| {
-                points.iter().find(|p| p.name == name).map(prosopon_planning::evaluate::NamedPoint::movement)
-            };
-            let soft = of(&found.soft, point).ok_or("the soft point was not found")?;
-            let hard = ratio.hard.and_then(|h| of(&found.hard, h)).ok_or("the hard point was not found")?;
-            Ok(soft.z / hard.norm())
-        }
+    match ratio.ratio {
+        Err(NoRatio::NoSoftPoint) => return Err("the soft point was not found".to_owned()),
+        Err(NoRatio::NoHardPoint) => return Err("the hard point was not found".to_owned()),
+        Err(NoRatio::Still(mm)) => return Err(format!("the hard point moves by {mm:.2} mm")),
+        Ok(_) => {}
     }
+    let hard = found.hard.iter().find(|p| Some(p.name) == ratio.hard).ok_or("the hard point was not found")?;
+    let hard = hard.movement();
+    Ok(match measure {
+        Measure::Ratio(_) => moved.dot(&hard) / hard.norm_squared(),
+        Measure::UpPerAdvance(_) => moved.z / hard.norm(),
+    })
 }
 
 fn failed(head: &str, operation: &Operation, why: String) -> Row {
@@ -208,16 +234,18 @@ fn failed(head: &str, operation: &Operation, why: String) -> Row {
         operation: operation.name.clone(),
         measure: String::new(),
         hard: "",
-        value: Err(why),
+        followed: Err(why),
+        again: None,
         moved_mm: [0.0; 3],
         published: None,
     }
 }
 
 fn line_of(r: &Row) -> String {
-    let value = match &r.value {
-        Ok(v) => format!("{v:>6.2}"),
-        Err(why) => format!("     – ({why})"),
+    let value = match (&r.followed, r.again) {
+        (Ok(v), Some(again)) => format!("{again:>6.2} (point of skin {v:.2})"),
+        (Ok(v), None) => format!("     – (point of skin {v:.2})"),
+        (Err(why), _) => format!("     – ({why})"),
     };
     let range = r.published.map_or(String::new(), |[low, high]| format!("published {low:.2} to {high:.2}"));
     let [forward, down, left] = r.moved_mm;
@@ -233,17 +261,18 @@ fn line_of(r: &Row) -> String {
 
 fn csv(rows: &[Row]) -> String {
     let mut text = String::from(
-        "head,operation,measure,hard,ratio,published_low,published_high,verdict,forward_mm,down_mm,left_mm,detail\n",
+        "head,operation,measure,hard,ratio,point_of_skin,published_low,published_high,verdict,forward_mm,down_mm,left_mm,detail\n",
     );
     for r in rows {
-        let (value, detail) = match &r.value {
+        let (followed, detail) = match &r.followed {
             Ok(v) => (format!("{v:.4}"), String::new()),
             Err(why) => (String::new(), why.replace('"', "'")),
         };
+        let again = r.again.map(|v| format!("{v:.4}")).unwrap_or_default();
         let [low, high] = r.published.map_or([String::new(), String::new()], |ends| ends.map(|v| v.to_string()));
         let [forward, down, left] = r.moved_mm.map(|mm| format!("{mm:.3}"));
         text += &format!(
-            "{},\"{}\",\"{}\",{},{value},{low},{high},{},{forward},{down},{left},\"{detail}\"\n",
+            "{},\"{}\",\"{}\",{},{again},{followed},{low},{high},{},{forward},{down},{left},\"{detail}\"\n",
             r.head,
             r.operation,
             r.measure,
@@ -276,10 +305,10 @@ fn summary(rows: &[Row], out: &mut dyn Write) -> Result<(), BenchError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use prosopon_geometry::{Point, Vector};
-    use prosopon_planning::evaluate::{NamedPoint, SoftToHard};
+    use prosopon_geometry::Point;
+    use prosopon_planning::evaluate::SoftToHard;
 
-    fn found() -> Clinical {
+    fn found() -> Found {
         let point = |name, moved: [f64; 3]| NamedPoint {
             name,
             rest: Point::origin(),
@@ -287,9 +316,9 @@ mod tests {
             is_given: false,
         };
         let ratio = |soft, ratio| SoftToHard { soft, hard: Some("a_point"), ratio };
-        Clinical {
+        let clinical = Clinical {
             midline_x_mm: 0.0,
-            soft: vec![point("pronasale", [0.0, -1.5, 3.0]), point("subnasale", [0.5, -3.0, 0.0])],
+            soft: vec![point("pronasale", [0.0, -1.5, 3.0]), point("subnasale", [0.5, -4.2, 0.0])],
             hard: vec![point("a_point", [0.0, -6.0, 0.0])],
             ratios: vec![
                 ratio("pronasale", Ok(0.25)),
@@ -302,7 +331,10 @@ mod tests {
             labiomental_deg: None,
             lip_gap_mm: None,
             is_mouth_sealed: true,
-        }
+        };
+        // The tip that is found again lies where its own point went; the new subnasale lies farther back.
+        let again = [("pronasale", [0.0, -1.5, 3.0]), ("subnasale", [0.0, -3.0, 1.0])];
+        Found { clinical, again: again.map(|(name, v)| (name, Vector::from(v))).into() }
     }
 
     #[test]
@@ -314,22 +346,22 @@ mod tests {
         // The chin has no range in this operation and no ratio. The tip rises by half of the advance.
         let expected = [
             ("pronasale", "within"),
-            ("subnasale", "above"),
+            ("subnasale", "within"),
             ("labrale_superius", "unknown"),
             ("pronasale, up", "above"),
         ];
         assert_eq!(verdicts, expected);
-        assert_eq!((rows[3].value.clone(), rows[1].moved_mm), (Ok(0.5), [3.0, -0.0, 0.5]));
+        assert_eq!((rows[3].again, rows[3].followed.clone()), (Some(0.5), Ok(0.5)));
         let text = csv(&rows);
         assert!(
-            text.contains("head,\"le_fort_1 6 forward\",\"subnasale\",a_point,0.7000,0.4,0.6,above,3.000"),
+            text.contains("head,\"le_fort_1 6 forward\",\"subnasale\",a_point,0.5000,0.7000,0.4,0.6,within,4.200"),
             "{text}"
         );
         let mut out = Vec::new();
         summary(&rows, &mut out).unwrap();
         let out = String::from_utf8(out).unwrap();
         assert!(
-            out.starts_with("of 4 ratios with a published range 1 lie within it, 0 below, 2 above, 1 are"),
+            out.starts_with("of 4 ratios with a published range 2 lie within it, 0 below, 1 above, 1 are"),
             "{out}"
         );
         let svg = picture::of_ratios(&rows).unwrap();

@@ -13,8 +13,8 @@ pub(super) struct Published {
 
 /// The ranges that issue 26 asks for, by operation; [`SOURCES`] says where they come from.
 ///
-/// "Little up" of the nasal tip is taken as at most 0.15 of the advance: a choice of this study, not a published number.
-pub(super) const PUBLISHED: [Published; 8] = [
+/// An operation on both jaws has the ranges of its two parts. "Little up" of the nasal tip is taken as at most 0.15 of the advance: a choice of this study, not a published number.
+pub(super) const PUBLISHED: [Published; 12] = [
     of("le_fort_1", Measure::Ratio("labrale_superius"), [0.5, 0.9]),
     of("le_fort_1", Measure::Ratio("subnasale"), [0.4, 0.6]),
     of("le_fort_1", Measure::Ratio("pronasale"), [0.2, 0.35]),
@@ -23,6 +23,10 @@ pub(super) const PUBLISHED: [Published; 8] = [
     of("set-back", Measure::Ratio("soft_pogonion"), [0.9, 1.0]),
     of("advance", Measure::Ratio("soft_pogonion"), [0.9, 1.0]),
     of("genioplasty", Measure::Ratio("soft_pogonion"), [0.8, 1.0]),
+    of("bimaxillary", Measure::Ratio("subnasale"), [0.4, 0.6]),
+    of("bimaxillary", Measure::Ratio("labrale_superius"), [0.5, 0.9]),
+    of("bimaxillary", Measure::Ratio("labrale_inferius"), [0.6, 0.9]),
+    of("bimaxillary", Measure::Ratio("soft_pogonion"), [0.9, 1.0]),
 ];
 
 const fn of(operation: &'static str, measure: Measure, range: [f64; 2]) -> Published {

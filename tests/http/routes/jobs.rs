@@ -82,6 +82,16 @@ async fn invalid_members_are_refused_with_their_pointer() {
 }
 
 #[tokio::test]
+async fn a_material_of_a_tissue_that_the_mesh_lacks_is_warned_of() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    let cartilage = json!({"law": "neo_hookean", "shear_modulus_mpa": 0.3, "poisson": 0.45});
+    let job = app.solve(&session, &plan, json!({"model": "nonlinear", "materials": {"cartilage": cartilage}})).await;
+    let warnings = warnings_of(&app.ended(&job).await.ok());
+    assert!(warnings.iter().any(|w| w.starts_with("materials.cartilage was not used")), "{warnings:?}");
+}
+
+#[tokio::test]
 async fn a_warning_of_a_step_is_listed_once_in_job_events_and_report() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;

@@ -152,6 +152,7 @@ fn landmarks_that_contradict_each_other_place_nothing() {
     let aside = Point::new(30.0, -90.0, 42.0);
     for (wrong, expected) in [
         (NoseLandmarks { nasal_bone_tip: marks().ans, ..marks() }, "nasal_bone_tip"),
+        (NoseLandmarks { nasal_bone_tip: Point::new(0.0, -96.0, -4.0), ..marks() }, "must lie above `ans`"),
         (NoseLandmarks { pronasale: far, ..marks() }, "pronasale"),
         (NoseLandmarks { pronasale: aside, ..marks() }, "midplane"),
         (NoseLandmarks { subnasale: Point::new(0.0, -96.0, 70.0), ..marks() }, "subnasale"),

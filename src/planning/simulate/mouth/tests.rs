@@ -71,6 +71,26 @@ fn a_given_curve_is_taken_and_a_wrong_one_leaves_the_lips_joined() {
 }
 
 #[test]
+fn a_curve_where_the_landmarks_place_no_mouth_parts_with_a_warning() {
+    let phantom = head_with_mouth();
+    let mouth = phantom.mouth.unwrap();
+    let landmarks = &phantom.landmarks.points;
+    let all_around = [Point::new(-50.0, 0.0, -50.0), Point::new(50.0, 0.0, 50.0)];
+    let front = super::Front::of(&lower_face(phantom.skin.as_ref(), 1.5), &all_around, 1.0).unwrap();
+    let curve = |dx: f64, dz: f64| -> Vec<Point> {
+        let on_skin = |x: f64| {
+            let (x, z) = (x + dx, mouth.z_at(x) + dz);
+            Point::new(x, front.at(x, z).unwrap(), z)
+        };
+        [-20.0, -10.0, 0.0, 10.0, 20.0].map(on_skin).to_vec()
+    };
+    let codes = |dx, dz| found(&phantom, &Mouth::Curve(curve(dx, dz)), landmarks).1;
+    assert!(!codes(0.0, 0.0).contains(&"mouth-elsewhere"));
+    assert!(codes(0.0, -20.0).contains(&"mouth-elsewhere"), "over the chin");
+    assert!(codes(25.0, 0.0).contains(&"mouth-elsewhere"), "on one cheek");
+}
+
+#[test]
 fn a_chin_without_a_mouth_is_not_parted() {
     let mut phantom = head();
     phantom.landmarks.points.push(("stomion".to_owned(), Point::new(0.0, -78.0, -33.0)));

@@ -35,7 +35,8 @@ const MODELS: [(&str, Model); 4] = [
     ("nonlinear", Model::Nonlinear),
     ("mixed", Model::Mixed),
 ];
-const LOCKINGS: [(&str, Locking); 2] = [("none", Locking::None), ("smoothed", Locking::Smoothed)];
+const LOCKINGS: [(&str, Locking); 3] =
+    [("none", Locking::None), ("smoothed", Locking::Smoothed), ("patched", Locking::Patched)];
 
 impl FromStr for ModelCase {
     type Err = String;
@@ -46,7 +47,7 @@ impl FromStr for ModelCase {
         let [model, locking, edge] = <[&str; 3]>::try_from(word.split(':').collect::<Vec<_>>()).map_err(|_| fault())?;
         Ok(Self {
             model: MODELS.iter().find(|m| m.0 == model).ok_or_else(fault)?.1,
-            locking: LOCKINGS.iter().find(|l| l.0 == locking).ok_or_else(fault)?.1,
+            locking: locking_of(locking).ok_or_else(fault)?,
             edge_mm: edge.parse().map_err(|_| fault())?,
         })
     }
@@ -60,6 +61,11 @@ pub(super) fn model_name(model: Model) -> &'static str {
 /// Name of a locking treatment.
 pub(super) fn locking_name(locking: Locking) -> &'static str {
     LOCKINGS.iter().find(|l| l.1 == locking).map_or("", |l| l.0)
+}
+
+/// The locking treatment of a name.
+pub(super) fn locking_of(name: &str) -> Option<Locking> {
+    LOCKINGS.iter().find(|l| l.0 == name).map(|l| l.1)
 }
 
 impl ModelCase {

@@ -14,11 +14,13 @@ use prosopon_planning::evaluate::{Statistics, statistics};
 use prosopon_tissue::fem::{Locking, Model};
 
 /// Models of the study by increasing memory, with the colours of their curves (Okabe and Ito).
-const VARIANTS: [(Model, Locking, RGBColor); 6] = [
+const VARIANTS: [(Model, Locking, RGBColor); 8] = [
     (Model::MassTensor, Locking::None, RGBColor(86, 180, 233)),
     (Model::Linear, Locking::None, RGBColor(230, 159, 0)),
     (Model::Nonlinear, Locking::None, RGBColor(0, 158, 115)),
     (Model::Mixed, Locking::None, RGBColor(0, 114, 178)),
+    (Model::Nonlinear, Locking::Patched, RGBColor(0, 0, 0)),
+    (Model::Mixed, Locking::Patched, RGBColor(120, 120, 120)),
     (Model::Nonlinear, Locking::Smoothed, RGBColor(204, 121, 167)),
     (Model::Mixed, Locking::Smoothed, RGBColor(213, 94, 0)),
 ];
@@ -189,7 +191,7 @@ impl ModelStudy<'_> {
 fn variant_name(model: Model, locking: Locking) -> String {
     match locking {
         Locking::None => model_name(model).to_owned(),
-        Locking::Smoothed => format!("{}, smoothed", model_name(model)),
+        Locking::Smoothed | Locking::Patched => format!("{}, {}", model_name(model), locking_name(locking)),
     }
 }
 

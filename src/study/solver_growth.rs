@@ -11,7 +11,7 @@ use super::chart::{self, Curve, Labels};
 use super::error::{BenchError, read, write};
 use super::files::{Scratch, refuse_unwritable};
 use super::growth::exponent;
-use super::model_case::{PHASES, clock, phases_s};
+use super::model_case::{PHASES, clock, locking_name, locking_of, phases_s};
 use super::process;
 use super::slab::Slab;
 use prosopon_geometry::Motion;
@@ -47,23 +47,28 @@ pub struct SolverGrowthStudy<'a> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlabCase {
     cells: [usize; 2],
-    smoothed: bool,
+    locking: Locking,
+    poisson: f64,
 }
 
 impl FromStr for SlabCase {
     type Err = String;
 
-    /// Parses `none:74:4`: locking treatment, cells along the sides, cells through the thickness.
+    /// Parses `none:74:4` or `patched:74:4:0.499`: locking treatment, cells along the sides, cells through the thickness, Poisson
+    /// ratio (0.45, or 0.49 with a locking-free formulation).
     fn from_str(word: &str) -> Result<Self, Self::Err> {
-        let fault = || format!("{word:?} is not a case: expected none:N:N or smoothed:N:N");
-        let [locking, side, depth] = <[&str; 3]>::try_from(word.split(':').collect::<Vec<_>>()).map_err(|_| fault())?;
+        let fault = || format!("{word:?} is not a case: expected locking:N:N or locking:N:N:ratio");
+        let words: Vec<&str> = word.split(':').collect();
+        let (&[locking, side, depth], ratio) = words.split_first_chunk::<3>().ok_or_else(fault)?;
         let number = |n: &str| n.parse().ok().filter(|n| (1..=1000).contains(n)).ok_or_else(fault);
-        let smoothed = match locking {
-            "none" => false,
-            "smoothed" => true,
+        let locking = locking_of(locking).ok_or_else(fault)?;
+        let poisson = match ratio {
+            [] if locking == Locking::None => 0.45,
+            [] => 0.49,
+            [ratio] => ratio.parse().ok().filter(|nu| (0.0..0.5).contains(nu)).ok_or_else(fault)?,
             _ => return Err(fault()),
         };
-        Ok(Self { cells: [number(side)?, number(depth)?], smoothed })
+        Ok(Self { cells: [number(side)?, number(depth)?], locking, poisson })
     }
 }
 
@@ -86,17 +91,13 @@ struct SlabTiming {
 
 impl SlabCase {
     fn word(&self) -> String {
-        format!("{}:{}:{}", self.locking(), self.cells[0], self.cells[1])
+        format!("{}:{}:{}:{}", locking_name(self.locking), self.cells[0], self.cells[1], self.poisson)
     }
 
-    fn locking(&self) -> &'static str {
-        if self.smoothed { "smoothed" } else { "none" }
-    }
-
-    /// Settings of the reference results; with `smoothed`, a Poisson ratio (0.49) that needs the locking-free formulation.
+    /// Settings of the reference results.
     fn settings(&self) -> SolveSettings {
-        let (poisson, locking) = if self.smoothed { (0.49, Locking::Smoothed) } else { (0.45, Locking::None) };
-        let [skin, fat] = SHEAR_MPA.map(|mu| Material::mooney_rivlin(0.4 * mu, 0.1 * mu, poisson));
+        let locking = self.locking;
+        let [skin, fat] = SHEAR_MPA.map(|mu| Material::mooney_rivlin(0.4 * mu, 0.1 * mu, self.poisson));
         let materials = Materials { skin, fat, muscle: fat, mucosa: fat, cartilage: fat };
         SolveSettings { skin_element: SkinElement::Wedge, locking, ..SolveSettings::new(Model::Nonlinear, materials) }
     }
@@ -160,9 +161,9 @@ impl SolverGrowthStudy<'_> {
         );
         write!(out, "{csv}")?;
         let mut found: Vec<(SlabCase, SlabTiming)> = Vec::new();
-        for smoothed in [false, true] {
+        for (locking, poisson, _) in TREATMENTS {
             for cells in CELLS.into_iter().take(self.sizes) {
-                let case = SlabCase { cells, smoothed };
+                let case = SlabCase { cells, locking, poisson };
                 let timing = measure(&case, &scratch)?;
                 let row = row(&case, &timing);
                 write!(out, "{row}")?;
@@ -171,14 +172,14 @@ impl SolverGrowthStudy<'_> {
                 write(self.csv, csv.as_bytes())?;
             }
         }
-        let of = |smoothed: bool| found.iter().filter(move |f| f.0.smoothed == smoothed).map(|f| &f.1);
-        let plain: Vec<&SlabTiming> = of(false).collect();
-        let curves = [
-            ("none, 0.45", RGBColor(0, 114, 178), plain.clone()),
-            ("smoothed, 0.49", RGBColor(213, 94, 0), of(true).collect()),
-        ];
-        let curves: Vec<Curve> =
-            curves.into_iter().map(|(name, color, t)| curve(name, color, &t, |t| t.wall_s)).collect();
+        let of = |locking: Locking, poisson: f64| -> Vec<&SlabTiming> {
+            found.iter().filter(|f| (f.0.locking, f.0.poisson) == (locking, poisson)).map(|f| &f.1).collect()
+        };
+        let plain = of(Locking::None, TREATMENTS[0].1);
+        let whole = |(locking, poisson, color): (Locking, f64, RGBColor)| {
+            curve(&format!("{}, {poisson}", locking_name(locking)), color, &of(locking, poisson), |t| t.wall_s)
+        };
+        let curves: Vec<Curve> = TREATMENTS.into_iter().map(whole).collect();
         for c in &curves {
             writeln!(out, "{}: fitted exponent", c.name)?;
         }
@@ -209,6 +210,14 @@ impl SolverGrowthStudy<'_> {
         Ok(())
     }
 }
+
+/// Locking treatments and Poisson ratios of the study, with the colours of their curves (Okabe and Ito).
+const TREATMENTS: [(Locking, f64, RGBColor); 4] = [
+    (Locking::None, 0.45, RGBColor(0, 114, 178)),
+    (Locking::Smoothed, 0.49, RGBColor(213, 94, 0)),
+    (Locking::Patched, 0.49, RGBColor(0, 158, 115)),
+    (Locking::Patched, 0.499, RGBColor(0, 0, 0)),
+];
 
 /// Okabe and Ito.
 const COLOURS: [RGBColor; 7] = [
@@ -242,8 +251,8 @@ fn row(case: &SlabCase, t: &SlabTiming) -> String {
     let phases: Vec<String> = t.phases_s.iter().map(|s| format!("{s:.3}")).collect();
     format!(
         "{},{},{},{},{},{},{},{:.3},{},{},{},{},{:.0}\n",
-        case.locking(),
-        if case.smoothed { 0.49 } else { 0.45 },
+        locking_name(case.locking),
+        case.poisson,
         t.tetrahedra,
         t.prisms,
         t.unknowns,
@@ -264,11 +273,11 @@ mod tests {
 
     #[test]
     fn a_small_slab_is_solved_and_cases_are_read_as_they_are_written() {
-        let case: SlabCase = "smoothed:8:1".parse().unwrap();
-        assert_eq!(case.word(), "smoothed:8:1");
+        let case: SlabCase = "patched:8:1".parse().unwrap();
+        assert_eq!((case.word(), case.word().parse()), ("patched:8:1:0.49".to_owned(), Ok(case)));
         let timing = case.solve().unwrap();
         assert!(timing.tetrahedra == 384 && timing.unknowns > 0 && timing.newton_iterations > 1);
-        for word in ["none:4", "none:0:4", "some:4:4", "none:4:x"] {
+        for word in ["none:4", "none:0:4", "some:4:4", "none:4:x", "none:4:4:0.5", "none:4:4:0.4:1"] {
             assert!(word.parse::<SlabCase>().is_err(), "{word}");
         }
     }

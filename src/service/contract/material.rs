@@ -385,6 +385,8 @@ pub enum LockingName {
     None,
     /// Isochoric energy at strains averaged over edges, volumetric energy at strains averaged over nodes.
     Smoothed,
+    /// Volumetric and most of the isochoric energy at strains averaged over patches of about eight tetrahedra.
+    Patched,
 }
 
 impl From<LockingName> for Locking {
@@ -392,6 +394,7 @@ impl From<LockingName> for Locking {
         match name {
             LockingName::None => Self::None,
             LockingName::Smoothed => Self::Smoothed,
+            LockingName::Patched => Self::Patched,
         }
     }
 }
@@ -401,6 +404,7 @@ impl From<Locking> for LockingName {
         match locking {
             Locking::None => Self::None,
             Locking::Smoothed => Self::Smoothed,
+            Locking::Patched => Self::Patched,
         }
     }
 }

@@ -14,13 +14,15 @@ const fn method(name: &'static str, model: Model, skin_element: SkinElement, loc
 }
 
 /// The methods that the service offers.
-pub(super) const METHODS: [Method; 6] = [
+pub(super) const METHODS: [Method; 8] = [
     method("linear", Model::Linear, SkinElement::Wedge, Locking::None),
     method("mass_tensor", Model::MassTensor, SkinElement::Wedge, Locking::None),
     method("nonlinear", Model::Nonlinear, SkinElement::Tetrahedron, Locking::None),
     method("nonlinear smoothed", Model::Nonlinear, SkinElement::Tetrahedron, Locking::Smoothed),
+    method("nonlinear patched", Model::Nonlinear, SkinElement::Tetrahedron, Locking::Patched),
     method("mixed", Model::Mixed, SkinElement::C1Prism, Locking::None),
     method("mixed smoothed", Model::Mixed, SkinElement::C1Prism, Locking::Smoothed),
+    method("mixed patched", Model::Mixed, SkinElement::C1Prism, Locking::Patched),
 ];
 
 impl Method {

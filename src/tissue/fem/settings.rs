@@ -67,6 +67,11 @@ pub enum Locking {
     /// Isochoric energy at strains averaged around edges, volumetric energy at strains averaged around nodes
     /// ([`edge_domains`](super::element::edge_domains), [`node_domains`](super::element::node_domains)).
     Smoothed,
+    /// Patches of about eight tetrahedra with one mean strain.
+    ///
+    /// Volumetric energy and four fifths of the isochoric energy at the patch's mean strain, the rest at the elements' own strains
+    /// ([`patches`](super::element::patches)).
+    Patched,
 }
 
 /// Reaction to a material that loses ellipticity during a solve.
@@ -232,7 +237,7 @@ impl SolveSettings {
     pub(super) fn locking_warning(&self, mesh: &MixedMesh) -> Option<Warning> {
         let above = match self.locking {
             Locking::None => LOCKED_POISSON,
-            Locking::Smoothed => LOCKED_POISSON_SMOOTHED,
+            Locking::Smoothed | Locking::Patched => LOCKED_POISSON_SMOOTHED,
         };
         let mut locked: Vec<Tissue> = tissues(mesh);
         locked.retain(|t| self.materials.of(*t).poisson_ratio() > above);
@@ -246,11 +251,11 @@ impl SolveSettings {
                 "stiff-elements",
                 format!("{found}: linear elements are too stiff there, on coarse meshes by a quarter of the movement"),
             )
-            .act("Use the locking option `smoothed`."),
-            Locking::Smoothed => Warning::check(
+            .act("Use the locking option `patched`."),
+            Locking::Smoothed | Locking::Patched => Warning::check(
                 "stiff-smoothed-elements",
                 format!(
-                    "{found}: even smoothed elements are too stiff there, on coarse meshes by an eighth of the movement"
+                    "{found}: even locking-free elements are too stiff there, on coarse meshes by an eighth of the movement"
                 ),
             )
             .act("Use a finer mesh."),

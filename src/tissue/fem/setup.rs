@@ -16,7 +16,7 @@ use super::report::PhaseTimes;
 use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
 use super::springs::{self, Bend, SpringPoint, SpringStiffness, Springs};
 use super::state::PathState;
-use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FACING_STIFFNESS, FORCE_FLOOR, SPRING_STIFFNESS};
+use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FACING_STIFFNESS, FORCE_FLOOR, PATCH_SHARE, SPRING_STIFFNESS};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Vector, Warning};
@@ -251,6 +251,7 @@ impl Elements {
         let smoothed = match settings.locking {
             Locking::None => None,
             Locking::Smoothed => Some(smoothed_parts(mesh, &blocks, settings)?),
+            Locking::Patched => Some(patched_parts(mesh, &blocks, settings)?),
         };
         Ok(Self { blocks, surface, smoothed })
     }
@@ -354,10 +355,7 @@ fn smoothed_parts(
     let volumetric = laws(settings, Material::volumetric_part)?;
     let (tetrahedra, others): (Vec<&ElementBlock>, Vec<&ElementBlock>) =
         blocks.iter().partition(|b| b.n_functions == 4);
-    let corners = |cell: MeshCell, nodes: &[u32]| match cell {
-        MeshCell::Prism(prism) if nodes.len() > 4 => mesh.prisms[prism as usize].to_vec(),
-        MeshCell::Prism(_) | MeshCell::Tetrahedron(_) => nodes.to_vec(),
-    };
+    let corners = |cell: MeshCell, nodes: &[u32]| corners(mesh, cell, nodes);
     let all: Vec<&ElementBlock> = blocks.iter().collect();
     let mut parts: Vec<Part> = Vec::new();
     parts.extend(element::edge_domains(&tetrahedra).into_iter().map(|block| Part { block, laws: isochoric.clone() }));
@@ -365,6 +363,35 @@ fn smoothed_parts(
     parts
         .extend(element::node_domains(&all, corners).into_iter().map(|block| Part { block, laws: volumetric.clone() }));
     Ok(parts)
+}
+
+/// Elements and patches whose energies add up to that of the mesh.
+fn patched_parts(mesh: &MixedMesh, blocks: &[ElementBlock], settings: &SolveSettings) -> Result<Vec<Part>, SolveError> {
+    let of_mean = laws(settings, |m| m.with_isochoric_share(PATCH_SHARE))?;
+    let of_elements = laws(settings, |m| m.isochoric_part().with_isochoric_share(1.0 - PATCH_SHARE))?;
+    let isochoric = laws(settings, Material::isochoric_part)?;
+    let volumetric = laws(settings, Material::volumetric_part)?;
+    let corners = |cell: MeshCell, nodes: &[u32]| corners(mesh, cell, nodes);
+    let (tetrahedra, others): (Vec<&ElementBlock>, Vec<&ElementBlock>) =
+        blocks.iter().partition(|b| b.n_functions == 4);
+    let mut parts: Vec<Part> = Vec::new();
+    let mut add = |blocks: Vec<ElementBlock>, laws: &[Law; Tissue::COUNT]| {
+        parts.extend(blocks.into_iter().map(|block| Part { block, laws: laws.clone() }));
+    };
+    add(tetrahedra.iter().map(|block| (*block).clone()).collect(), &of_elements);
+    add(element::patches(&tetrahedra, corners), &of_mean);
+    // Prisms bend by themselves.
+    add(others.iter().map(|block| (*block).clone()).collect(), &isochoric);
+    add(element::patches(&others, corners), &volumetric);
+    Ok(parts)
+}
+
+/// Mesh nodes of an element.
+fn corners(mesh: &MixedMesh, cell: MeshCell, nodes: &[u32]) -> Vec<u32> {
+    match cell {
+        MeshCell::Prism(prism) if nodes.len() > 4 => mesh.prisms[prism as usize].to_vec(),
+        MeshCell::Prism(_) | MeshCell::Tetrahedron(_) => nodes.to_vec(),
+    }
 }
 
 /// Laws by tissue, for the part of each material that `part` extracts.

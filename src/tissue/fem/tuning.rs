@@ -290,3 +290,10 @@ pub(super) const IGNORED_DEPTH_MM: f64 = 0.05;
 pub(super) const REPORTED_DEPTH_MM: f64 = 0.5;
 /// Free tissue deeper in bone should be looked at, mm.
 pub(super) const DEEP_FREE_TISSUE_MM: f64 = 3.0;
+
+/// Tetrahedra of a patch.
+pub(super) const PATCH_SIZE: usize = 8;
+/// Largest number of tetrahedra of a patch that takes in a small neighbour.
+pub(super) const PATCH_MOST: usize = 12;
+/// Share of the isochoric energy of tetrahedra that is taken at a patch's mean strain.
+pub(super) const PATCH_SHARE: f64 = 0.8;

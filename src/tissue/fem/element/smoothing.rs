@@ -16,16 +16,16 @@ pub const SMOOTHED_WIDTHS: [usize; 8] = [4, 6, 8, 12, 16, 24, 32, 48];
 /// Edges of a tetrahedron.
 const EDGES: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
 
-/// Share of an element in a smoothing domain.
+/// Share of an element in a smoothing domain or a patch.
 #[derive(Debug, Clone, Copy)]
-struct Share {
-    /// The two ends of an edge, or a node twice.
-    key: (u32, u32),
-    tissue: Tissue,
-    block: u32,
-    element: u32,
+pub(super) struct Share {
+    /// The two ends of an edge, or a node or a patch twice.
+    pub(super) key: (u32, u32),
+    pub(super) tissue: Tissue,
+    pub(super) block: u32,
+    pub(super) element: u32,
     /// Share of the element's volume.
-    part: f64,
+    pub(super) part: f64,
 }
 
 /// Smoothing domains around edges: each gets a sixth of every linear tetrahedron at the edge.
@@ -64,7 +64,7 @@ pub fn node_domains(blocks: &[&ElementBlock], corners: impl Fn(MeshCell, &[u32])
 }
 
 /// Mean gradients of the elements with the same key and tissue.
-fn domains(blocks: &[&ElementBlock], mut shares: Vec<Share>, kind: &'static str) -> Vec<ElementBlock> {
+pub(super) fn domains(blocks: &[&ElementBlock], mut shares: Vec<Share>, kind: &'static str) -> Vec<ElementBlock> {
     shares.sort_unstable_by_key(|s| (s.key, s.tissue, s.block, s.element));
     let mut out: Vec<ElementBlock> = SMOOTHED_WIDTHS.iter().map(|&n| ElementBlock::empty(kind, n, 1, 0)).collect();
     for same in shares.chunk_by(|a, b| (a.key, a.tissue) == (b.key, b.tissue)) {

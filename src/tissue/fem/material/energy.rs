@@ -237,6 +237,17 @@ impl Material {
         Self { isochoric: Isochoric::MooneyRivlin { c10: 0.0, c01: 0.0 }, ..self }
     }
 
+    /// This material with a share of its isochoric energy.
+    #[must_use]
+    pub fn with_isochoric_share(self, share: f64) -> Self {
+        let isochoric = match self.isochoric {
+            Isochoric::MooneyRivlin { c10, c01 } => Isochoric::MooneyRivlin { c10: share * c10, c01: share * c01 },
+            Isochoric::Yeoh { c1, c2, c3 } => Isochoric::Yeoh { c1: share * c1, c2: share * c2, c3: share * c3 },
+            Isochoric::Ogden { mu, alpha } => Isochoric::Ogden { mu: share * mu, alpha },
+        };
+        Self { isochoric, ..self }
+    }
+
     /// Small-strain shear modulus, MPa.
     #[must_use]
     pub fn shear_modulus(&self) -> f64 {

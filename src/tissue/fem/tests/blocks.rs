@@ -5,19 +5,19 @@ use prosopon_geometry::{Point, Vector};
 
 /// A box of Kuhn tetrahedra, six for each cell, with a layer of prisms on top when `skin > 0`.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Slab {
-    pub(super) cells: [usize; 3],
-    pub(super) origin: [f64; 3],
+pub(in crate::fem) struct Slab {
+    pub(in crate::fem) cells: [usize; 3],
+    pub(in crate::fem) origin: [f64; 3],
     /// Size of the part with tetrahedra, mm.
-    pub(super) size: [f64; 3],
+    pub(in crate::fem) size: [f64; 3],
     /// Thickness of the prisms, mm.
-    pub(super) skin: f64,
+    pub(in crate::fem) skin: f64,
 }
 
 impl Slab {
     /// Mesh of fat and skin with all nodes [`Attachment::Free`]; nodes are numbered with x slowest and z fastest. Bone faces
     /// are the triangles of the bottom.
-    pub(super) fn mesh(&self) -> MixedMesh {
+    pub(in crate::fem) fn mesh(&self) -> MixedMesh {
         let [nx, ny, nz] = self.cells;
         let layers = nz + 1 + usize::from(self.skin > 0.0);
         let mut positions = Vec::new();

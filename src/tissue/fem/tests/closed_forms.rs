@@ -28,7 +28,7 @@ fn crooked_cube() -> MixedMesh {
 
 #[test]
 fn uniaxial_tension_of_a_crooked_cube_is_homogeneous_with_the_closed_form_stress() {
-    for locking in [Locking::None, Locking::Smoothed] {
+    for locking in [Locking::None, Locking::Smoothed, Locking::Patched] {
         uniaxial_tension(locking);
     }
 }
@@ -202,7 +202,9 @@ fn a_cube_on_planes_of_symmetry_stretches_by_load_and_by_displacement_as_in_clos
         displaced.held_axes[node] |= 1;
         displaced.prescribed_mm[node].x = 3.0 * (stretch.x - 1.0);
     }
-    let cases = [Locking::None, Locking::Smoothed].into_iter().flat_map(|l| [(l, &boundary), (l, &displaced)]);
+    let cases = [Locking::None, Locking::Smoothed, Locking::Patched]
+        .into_iter()
+        .flat_map(|l| [(l, &boundary), (l, &displaced)]);
     for (locking, boundary) in cases {
         let settings = SolveSettings {
             relative_residual: 1e-10,
@@ -278,7 +280,7 @@ fn the_answer_has_no_units() {
         let moved = solver.positions();
         moved.iter().zip(&mesh.positions).map(|(a, b)| (a - b) / length).collect::<Vec<_>>()
     };
-    for locking in [Locking::None, Locking::Smoothed] {
+    for locking in [Locking::None, Locking::Smoothed, Locking::Patched] {
         let reference = solve(1.0, 1.0, locking);
         for (length, modulus) in [(0.1, 1.0), (1000.0, 1.0), (1.0, 1000.0)] {
             let scaled = solve(length, modulus, locking);

@@ -150,7 +150,7 @@ fn stable_materials_take_over_only_on_request() {
     let (mesh, control) = (slab(), Control::new());
     let published = SolveSettings::new(Model::Mixed, Preset::Wang2009.materials());
     let stabilising = SolveSettings { unstable_material: UnstableMaterial::Stabilise, ..published };
-    for locking in [Locking::None, Locking::Smoothed] {
+    for locking in [Locking::None, Locking::Smoothed, Locking::Patched] {
         let mut solver =
             Solver::new(&mesh, vec![], SolveSettings { locking, ..stabilising.clone() }, &control).unwrap();
         let report = solver.advance(1.0, &push(4.0), &control).unwrap();
@@ -244,7 +244,7 @@ fn any_number_of_threads_gives_the_same_bits() {
             (bits, report)
         })
     };
-    for locking in [Locking::None, Locking::Smoothed] {
+    for locking in [Locking::None, Locking::Smoothed, Locking::Patched] {
         let one = run(1, locking);
         assert!(one.1.unknowns > 3000 && one.1.active_contacts > 0);
         assert_eq!(one, run(2, locking));

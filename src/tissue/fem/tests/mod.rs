@@ -1,6 +1,6 @@
 //! Tests of the whole solver on structured blocks.
 
-mod blocks;
+pub(super) mod blocks;
 mod bodies;
 mod calculix;
 mod checkpoint;

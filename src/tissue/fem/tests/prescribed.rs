@@ -38,7 +38,7 @@ fn solver<'a>(
 fn cells_whose_nodes_are_all_moved_have_stress_and_volume_ratio() {
     let control = Control::new();
     let (mesh, held_axes) = block();
-    for locking in [Locking::None, Locking::Smoothed] {
+    for locking in [Locking::None, Locking::Smoothed, Locking::Patched] {
         let mut solver = solver(&mesh, held_axes.clone(), STRETCH, locking, &control);
         let report = solver.advance(1.0, &|_| Vec::new(), &control).unwrap();
         assert!(report.outcome.converged());

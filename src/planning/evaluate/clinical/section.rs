@@ -243,7 +243,7 @@ mod tests {
         assert!(TopologyFaults::of(&skin).is_closed_manifold());
         let whole = Section::near(&skin, 0.3);
         let lips = whole.rest.iter().find(|p| p.z < 1.0).unwrap();
-        let knot = |x: f64| SlitKnot { front: Point::new(x, lips.y, 1.0), back_y: lips.y + 60.0 };
+        let knot = |x: f64| SlitKnot { front: Point::new(x, lips.y, 1.0), back_y: lips.y + 25.0 };
         let slit = Slit::new([-22.0, -8.0, 0.3, 8.0, 22.0].map(knot).to_vec()).unwrap();
         let parted = part_skin(&skin, &slit).unwrap().skin;
         let section = Section::near(&parted, 0.3);

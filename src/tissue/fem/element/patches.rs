@@ -44,9 +44,8 @@ struct Member {
 }
 
 impl Member {
-    /// Share of a patch of full size that the element fills: a prism has the volume constraints of three tetrahedra.
     fn size(&self) -> usize {
-        if self.corners.len() > 4 { 3 } else { 1 }
+        if self.corners.len() > 4 { PATCH_SIZE } else { 1 }
     }
 
     /// Sorted corners of each face, the last one repeated in a triangle. Prisms are neighbours across quadrilaterals alone.

@@ -113,6 +113,10 @@ fn a_tied_scene_is_solved_by_every_model() {
         ("nonlinear", "wedge", "none"),
         ("nonlinear", "tet", "smoothed"),
         ("mixed", "c1_prism", "smoothed"),
+        ("linear", "wedge", "patched"),
+        ("mass_tensor", "wedge", "patched"),
+        ("nonlinear", "tet", "patched"),
+        ("mixed", "c1_prism", "patched"),
     ] {
         let scene = json!({
             "mesh": "slab.vtu", "model": model, "skin_element": skin_element, "locking": locking,

@@ -12,10 +12,6 @@ use prosopon_planning::simulate::RunSettings;
 use prosopon_planning::surface::CtSettings;
 use prosopon_session::Earlier;
 use prosopon_store::{JobId, JobRecord, OsteotomyId};
-use prosopon_tissue::fem::Locking;
-
-/// Treatment of locking on heads when a request names none: smoothed elements take three to seven times as long there.
-pub const HEAD_LOCKING: Locking = Locking::None;
 
 /// Request of an import: skin, skull, air and soft tissue from a CT.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -183,7 +179,7 @@ impl SolveTask {
     /// As [`prosopon_contract::Attachment::rules`].
     pub fn settings(&self, skull: &TriMesh) -> Result<RunSettings, Fault> {
         Ok(RunSettings {
-            solver: self.request.options().settings(HEAD_LOCKING),
+            solver: self.request.options().settings(),
             steps: self.request.steps() as usize,
             attachment: self.request.attachment.as_ref().map(|a| a.rules(skull)).transpose()?,
             leave_out_below_mm: self.request.leave_out_below_mm(),

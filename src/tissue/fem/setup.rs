@@ -16,7 +16,9 @@ use super::report::PhaseTimes;
 use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
 use super::springs::{self, Bend, SpringPoint, SpringStiffness, Springs};
 use super::state::PathState;
-use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FACING_STIFFNESS, FORCE_FLOOR, PATCH_SHARE, SPRING_STIFFNESS};
+use super::tuning::{
+    CONTACT_STIFFNESS, ENERGY_NOISE, FACING_STIFFNESS, FORCE_FLOOR, PATCH_BULK, PATCH_SHARE, SPRING_STIFFNESS,
+};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Vector, Warning};
@@ -251,7 +253,7 @@ impl Elements {
         let smoothed = match settings.locking {
             Locking::None => None,
             Locking::Smoothed => Some(smoothed_parts(mesh, &blocks, settings)?),
-            Locking::Patched => Some(patched_parts(mesh, &blocks, settings)?),
+            Locking::Patched => Some(patched_parts(&blocks, settings)?),
         };
         Ok(Self { blocks, surface, smoothed })
     }
@@ -355,7 +357,10 @@ fn smoothed_parts(
     let volumetric = laws(settings, Material::volumetric_part)?;
     let (tetrahedra, others): (Vec<&ElementBlock>, Vec<&ElementBlock>) =
         blocks.iter().partition(|b| b.n_functions == 4);
-    let corners = |cell: MeshCell, nodes: &[u32]| corners(mesh, cell, nodes);
+    let corners = |cell: MeshCell, nodes: &[u32]| match cell {
+        MeshCell::Prism(prism) if nodes.len() > 4 => mesh.prisms[prism as usize].to_vec(),
+        MeshCell::Prism(_) | MeshCell::Tetrahedron(_) => nodes.to_vec(),
+    };
     let all: Vec<&ElementBlock> = blocks.iter().collect();
     let mut parts: Vec<Part> = Vec::new();
     parts.extend(element::edge_domains(&tetrahedra).into_iter().map(|block| Part { block, laws: isochoric.clone() }));
@@ -366,12 +371,12 @@ fn smoothed_parts(
 }
 
 /// Elements and patches whose energies add up to that of the mesh.
-fn patched_parts(mesh: &MixedMesh, blocks: &[ElementBlock], settings: &SolveSettings) -> Result<Vec<Part>, SolveError> {
-    let of_mean = laws(settings, |m| m.with_isochoric_share(PATCH_SHARE))?;
-    let of_elements = laws(settings, |m| m.isochoric_part().with_isochoric_share(1.0 - PATCH_SHARE))?;
+fn patched_parts(blocks: &[ElementBlock], settings: &SolveSettings) -> Result<Vec<Part>, SolveError> {
+    let own_bulk = |m: &Material| (1.0 - PATCH_SHARE) * m.bulk.min(PATCH_BULK * m.shear_modulus());
+    let of_mean = laws(settings, |m| Material { bulk: m.bulk - own_bulk(&m), ..m.with_isochoric_share(PATCH_SHARE) })?;
+    let of_elements = laws(settings, |m| Material { bulk: own_bulk(&m), ..m.with_isochoric_share(1.0 - PATCH_SHARE) })?;
     let isochoric = laws(settings, Material::isochoric_part)?;
     let volumetric = laws(settings, Material::volumetric_part)?;
-    let corners = |cell: MeshCell, nodes: &[u32]| corners(mesh, cell, nodes);
     let (tetrahedra, others): (Vec<&ElementBlock>, Vec<&ElementBlock>) =
         blocks.iter().partition(|b| b.n_functions == 4);
     let mut parts: Vec<Part> = Vec::new();
@@ -379,19 +384,11 @@ fn patched_parts(mesh: &MixedMesh, blocks: &[ElementBlock], settings: &SolveSett
         parts.extend(blocks.into_iter().map(|block| Part { block, laws: laws.clone() }));
     };
     add(tetrahedra.iter().map(|block| (*block).clone()).collect(), &of_elements);
-    add(element::patches(&tetrahedra, corners), &of_mean);
+    add(element::patches(&tetrahedra), &of_mean);
     // Prisms bend by themselves.
     add(others.iter().map(|block| (*block).clone()).collect(), &isochoric);
-    add(element::patches(&others, corners), &volumetric);
+    add(element::patches(&others), &volumetric);
     Ok(parts)
-}
-
-/// Mesh nodes of an element.
-fn corners(mesh: &MixedMesh, cell: MeshCell, nodes: &[u32]) -> Vec<u32> {
-    match cell {
-        MeshCell::Prism(prism) if nodes.len() > 4 => mesh.prisms[prism as usize].to_vec(),
-        MeshCell::Prism(_) | MeshCell::Tetrahedron(_) => nodes.to_vec(),
-    }
 }
 
 /// Laws by tissue, for the part of each material that `part` extracts.

@@ -7,20 +7,18 @@
 //! (2006) 841, there for averages around nodes). Unlike domains around nodes and edges, patches couple few nodes beyond those
 //! that share an element, which keeps the factor of the stiffness matrix small.
 
-use super::block::{ElementBlock, MeshCell};
+use super::block::ElementBlock;
 use super::smoothing::{Share, domains};
 use crate::fem::tuning::{PATCH_MOST, PATCH_SIZE};
 
-/// Groups of elements of one tissue that hang together by faces, as elements at their mean strain.
-///
-/// `corners` returns the mesh nodes of an element, from its cell and its generalised nodes.
+/// Elements at the mean strain of patches: groups of linear tetrahedra of one tissue that hang together by faces. Any other element
+/// is a patch of its own.
 #[must_use]
-pub fn patches(blocks: &[&ElementBlock], corners: impl Fn(MeshCell, &[u32]) -> Vec<u32>) -> Vec<ElementBlock> {
+pub fn patches(blocks: &[&ElementBlock]) -> Vec<ElementBlock> {
     let mut elements = Vec::new();
     for (index, block) in blocks.iter().enumerate() {
         for (element, nodes) in block.nodes.chunks_exact(block.n_functions).enumerate() {
-            let corners = corners(block.cells[element], nodes);
-            elements.push(Member { block: index as u32, element: element as u32, corners });
+            elements.push(Member { block: index as u32, element: element as u32, corners: nodes.try_into().ok() });
         }
     }
     let tissue = |m: &Member| blocks[m.block as usize].tissue[m.element as usize];
@@ -39,39 +37,27 @@ pub fn patches(blocks: &[&ElementBlock], corners: impl Fn(MeshCell, &[u32]) -> V
 struct Member {
     block: u32,
     element: u32,
-    /// Mesh nodes: four of a tetrahedron, six of a prism (three outer and the inner ones below them).
-    corners: Vec<u32>,
+    /// Nodes of a linear tetrahedron; `None` for other elements.
+    corners: Option<[u32; 4]>,
 }
 
 impl Member {
-    fn size(&self) -> usize {
-        if self.corners.len() > 4 { PATCH_SIZE } else { 1 }
-    }
-
-    /// Sorted corners of each face, the last one repeated in a triangle. Prisms are neighbours across quadrilaterals alone.
-    fn faces(&self) -> Vec<[u32; 4]> {
-        let sorted = |mut face: [u32; 4]| {
-            face.sort_unstable();
-            face
-        };
-        match self.corners.as_slice() {
-            &[a, b, c, d] => [[a, b, c], [a, b, d], [a, c, d], [b, c, d]]
-                .map(|[p, q, r]| {
-                    let largest = p.max(q).max(r);
-                    sorted([p, q, r, largest])
-                })
-                .to_vec(),
-            &[a, b, c, d, e, f] => [[a, b, d, e], [b, c, e, f], [c, a, f, d]].map(sorted).to_vec(),
-            _ => Vec::new(),
-        }
+    /// Sorted nodes of each face.
+    fn faces(&self) -> impl Iterator<Item = [u32; 3]> {
+        self.corners.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, b, d], [a, c, d], [b, c, d]]).map(
+            |mut face| {
+                face.sort_unstable();
+                face
+            },
+        )
     }
 }
 
 /// Neighbours of each element across a face, ascending, among those for which `alike` returns true.
 fn neighbours(elements: &[Member], alike: impl Fn(&Member, &Member) -> bool) -> Vec<Vec<u32>> {
-    let mut faces: Vec<([u32; 4], u32)> = Vec::with_capacity(4 * elements.len());
+    let mut faces: Vec<([u32; 3], u32)> = Vec::with_capacity(4 * elements.len());
     for (index, element) in elements.iter().enumerate() {
-        faces.extend(element.faces().into_iter().map(|face| (face, index as u32)));
+        faces.extend(element.faces().map(|face| (face, index as u32)));
     }
     faces.sort_unstable();
     let mut out = vec![Vec::new(); elements.len()];
@@ -94,35 +80,31 @@ fn groups(elements: &[Member], neighbours: &[Vec<u32>]) -> Vec<u32> {
     const NONE: u32 = u32::MAX;
     let mut owner = vec![NONE; elements.len()];
     let mut members: Vec<Vec<u32>> = Vec::new();
-    let (mut nodes, mut group) = (Vec::new(), Vec::new());
+    let mut nodes: Vec<u32> = Vec::new();
     for seed in 0..elements.len() as u32 {
         if owner[seed as usize] != NONE {
             continue;
         }
-        let own = members.len() as u32;
         nodes.clear();
-        group.clear();
-        let (mut next, mut size) = (Some(seed), 0);
+        let mut group = Vec::with_capacity(PATCH_SIZE);
+        let mut next = Some(seed);
         while let Some(element) = next {
-            owner[element as usize] = own;
+            owner[element as usize] = members.len() as u32;
             group.push(element);
-            size += elements[element as usize].size();
-            nodes.extend_from_slice(&elements[element as usize].corners);
+            nodes.extend(elements[element as usize].corners.iter().flatten());
             let free = group.iter().flat_map(|e| &neighbours[*e as usize]).filter(|e| owner[**e as usize] == NONE);
-            let fits = free.filter(|e| size + elements[**e as usize].size() <= PATCH_SIZE + 1);
-            let new = |e: &u32| elements[*e as usize].corners.iter().filter(|n| !nodes.contains(n)).count();
-            next = if size < PATCH_SIZE { fits.copied().min_by_key(|e| (new(e), *e)) } else { None };
+            let new = |e: &u32| elements[*e as usize].corners.iter().flatten().filter(|n| !nodes.contains(n)).count();
+            next = if group.len() < PATCH_SIZE { free.copied().min_by_key(|e| (new(e), *e)) } else { None };
         }
-        members.push(group.clone());
+        members.push(group);
     }
-    let size = |group: &[u32]| group.iter().map(|e| elements[*e as usize].size()).sum::<usize>();
     for own in 0..members.len() {
-        let small = size(&members[own]);
+        let small = members[own].len();
         if small == 0 || small > PATCH_SIZE / 2 {
             continue;
         }
         let around = members[own].iter().flat_map(|e| &neighbours[*e as usize]).map(|e| owner[*e as usize]);
-        let others = around.filter(|g| *g as usize != own).map(|g| (size(&members[g as usize]), g));
+        let others = around.filter(|g| *g as usize != own).map(|g| (members[g as usize].len(), g));
         if let Some((_, into)) = others.filter(|(other, _)| other + small <= PATCH_MOST).min() {
             let moved = std::mem::take(&mut members[own]);
             moved.iter().for_each(|e| owner[*e as usize] = into);
@@ -140,7 +122,6 @@ mod tests {
     use crate::fem::tests::blocks::Slab;
     use crate::mesh::Tissue;
     use nalgebra::Matrix3;
-    use prosopon_geometry::Vector;
 
     /// Patches hold every element once, never mix tissues, and reproduce a linear field exactly.
     #[test]
@@ -150,7 +131,7 @@ mod tests {
             *tissue = if cell % 216 < 100 { Tissue::Fat } else { Tissue::Muscle };
         }
         let block = tetrahedra(&mesh).unwrap();
-        let all = patches(&[&block], |_, nodes| nodes.to_vec());
+        let all = patches(&[&block]);
         let n: usize = all.iter().map(ElementBlock::n_elements).sum();
         let cells = mesh.tetrahedra.len();
         assert!(n > cells / PATCH_MOST && n < cells / 6, "{n} patches of {cells} tetrahedra");
@@ -173,17 +154,14 @@ mod tests {
         }
     }
 
-    /// Prisms are neighbours across their sides, and three make a patch.
+    /// A prism is a patch of its own.
     #[test]
-    fn prisms_make_patches_of_three() {
+    fn prisms_keep_their_own_mean() {
         let mesh = height_field(6, 1.0, |_, _| 0.0);
         let block = wedges(&mesh).unwrap();
-        let all = patches(&[&block], |cell, nodes| match cell {
-            MeshCell::Prism(prism) => mesh.prisms[prism as usize].to_vec(),
-            MeshCell::Tetrahedron(_) => nodes.to_vec(),
-        });
+        let all = patches(&[&block]);
         let n: usize = all.iter().map(ElementBlock::n_elements).sum();
-        assert!(n <= mesh.prisms.len() / 2 && n >= mesh.prisms.len() / 4, "{n} of {}", mesh.prisms.len());
+        assert_eq!(n, mesh.prisms.len());
         let volume: f64 = all.iter().flat_map(|b| &b.weights).sum();
         assert!((volume - block.weights.iter().sum::<f64>()).abs() < 1e-12);
     }

@@ -190,6 +190,7 @@ fn too_large_rotations_of_a_linear_model_and_locking_elements_are_reported() {
     assert_eq!(locks(0.499, Locking::None), Some(("stiff-elements", Severity::Info)));
     assert_eq!(locks(0.499, Locking::Smoothed), None);
     assert_eq!(locks(0.4999, Locking::Smoothed), Some(("stiff-smoothed-elements", Severity::Check)));
+    assert_eq!(locks(0.4999, Locking::Patched), None);
 }
 
 /// Fails before allocation and gives the estimated size.

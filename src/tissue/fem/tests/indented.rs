@@ -82,6 +82,8 @@ fn a_layered_block_over_a_post_is_as_in_an_independent_solution() {
         ("tet, smoothed", Locking::Smoothed, SkinElement::Tetrahedron, 0.02),
         // The skin bends over the rim in two rows of wedges, which are a little stiffer there.
         ("wedge, smoothed", Locking::Smoothed, SkinElement::Wedge, 0.025),
+        ("tet, patched", Locking::Patched, SkinElement::Tetrahedron, 0.02),
+        ("wedge, patched", Locking::Patched, SkinElement::Wedge, 0.025),
     ] {
         let (lines, report) = layered_block([24, 24, 6], locking, skin_element, 1.0, &[2.5, 5.0]);
         let found = [lines[1][0].z, lines[1][1].z, lines[1][1].x, lines[1][2].z];
@@ -106,6 +108,8 @@ fn a_post_of_ten_millimetres_is_as_in_an_independent_solution() {
     for (name, locking, skin_element, within) in [
         ("tet, smoothed", Locking::Smoothed, SkinElement::Tetrahedron, 0.02),
         ("wedge, smoothed", Locking::Smoothed, SkinElement::Wedge, 0.025),
+        ("tet, patched", Locking::Patched, SkinElement::Tetrahedron, 0.02),
+        ("wedge, patched", Locking::Patched, SkinElement::Wedge, 0.025),
     ] {
         let (lines, report) = layered_block([24, 24, 6], locking, skin_element, 1.0, &[2.5, 5.0, 7.5, 10.0]);
         let found = [lines[3][0].z, lines[3][1].z, lines[3][1].x, lines[3][2].z];
@@ -133,7 +137,7 @@ fn a_stiffer_contact_gives_the_same_answer() {
 }
 
 /// A ball of radius 10 mm pressed into a quarter of a block of radius 40 mm, `n` cells a side, fine near the contact.
-fn hertz(n: usize, depth: f64) -> f64 {
+fn hertz(n: usize, depth: f64, locking: Locking) -> f64 {
     let mut mesh = Slab { cells: [n; 3], origin: [0.0; 3], size: [1.0; 3], skin: 0.0 }.mesh();
     for p in &mut mesh.positions {
         // Equal cells over about four contact radii, then growing ones.
@@ -148,7 +152,7 @@ fn hertz(n: usize, depth: f64) -> f64 {
     let ball = Ball { centre: Point::new(0.0, 0.0, -10.0), radius: 10.0 };
     let settings = SolveSettings {
         penetration_tolerance_mm: 0.001,
-        locking: Locking::Smoothed,
+        locking,
         ..SolveSettings::new(Model::Nonlinear, Materials::homogeneous(Material::neo_hookean(0.011776447, 0.45)))
     };
     let control = Control::new();
@@ -164,8 +168,10 @@ fn hertz(n: usize, depth: f64) -> f64 {
 fn a_ball_is_pressed_in_with_the_force_of_an_independent_solution() {
     let cells: &[usize] = if slow() { &[10, 14, 20] } else { &[10] };
     for &n in cells {
-        let force = hertz(n, 0.5);
-        println!("Hertz, {n} cells a side: {force:.2} mN");
-        assert!((force / 66.40 - 1.0).abs() < 0.02, "{n}: {force}");
+        for locking in [Locking::Smoothed, Locking::Patched] {
+            let force = hertz(n, 0.5, locking);
+            println!("Hertz, {n} cells a side, {locking:?}: {force:.2} mN");
+            assert!((force / 66.40 - 1.0).abs() < 0.02, "{n}, {locking:?}: {force}");
+        }
     }
 }

@@ -9,25 +9,24 @@ use prosopon_geometry::Vector;
 
 /// States of the tetrahedra and of the prisms at `x`.
 ///
-/// With smoothed elements the pressure of a cell is the mean over its nodes of the averaged nodal pressure: the pressure of
-/// single elements would oscillate.
+/// With a locking-free formulation stress and volume ratio of a cell are means over its nodes of the means around each node: those
+/// of single elements would oscillate.
 pub(super) fn cell_states(assembly: &Assembly, mesh: &MixedMesh, x: &[Vector]) -> (Vec<CellState>, Vec<CellState>) {
     let states: Vec<Vec<ElementState>> = (assembly.parts().iter().enumerate())
         .map(|(part, p)| (0..p.block.n_elements()).map(|e| assembly.state(Inversion { part, element: e }, x)).collect())
         .collect();
-    let dilatation = assembly.is_smoothed().then(|| nodal_dilatation(assembly, mesh, &states));
+    let nodal = assembly.is_smoothed().then(|| nodal_means(assembly, mesh, &states));
     let mut tetrahedra = vec![(0.0, Matrix3::zeros(), 0.0); mesh.tetrahedra.len()];
     let mut prisms = vec![(0.0, Matrix3::zeros(), 0.0); mesh.prisms.len()];
     for (part, states) in assembly.parts().iter().zip(&states) {
         for (element, state) in states.iter().enumerate() {
-            let mut stress = state.stress;
-            if let Some(dilatation) = &dilatation {
+            let (mut stress, mut ratio) = (state.stress, state.ratio);
+            if let Some(nodal) = &nodal {
                 let corners = corners(&part.block, element, mesh);
                 let tissue = part.block.tissue[element] as usize;
-                let mean = corners.iter().map(|n| dilatation[Tissue::COUNT * *n as usize + tissue]).sum::<f64>()
-                    / corners.len() as f64;
-                let change = state.bulk * mean - stress.trace() / 3.0;
-                stress += Matrix3::from_diagonal_element(change);
+                let around = || corners.iter().map(|n| &nodal[Tissue::COUNT * *n as usize + tissue]);
+                stress = around().map(|mean| mean.stress).sum::<Matrix3<f64>>() / corners.len() as f64;
+                ratio = around().map(|mean| mean.ratio).sum::<f64>() / corners.len() as f64;
             }
             let sum = match part.block.cells[element] {
                 MeshCell::Tetrahedron(cell) => &mut tetrahedra[cell as usize],
@@ -35,7 +34,7 @@ pub(super) fn cell_states(assembly: &Assembly, mesh: &MixedMesh, x: &[Vector]) -
             };
             sum.0 += state.volume;
             sum.1 += stress * state.volume;
-            sum.2 += state.ratio * state.volume;
+            sum.2 += ratio * state.volume;
         }
     }
     let mean = |(volume, stress, ratio): (f64, Matrix3<f64>, f64)| {
@@ -59,19 +58,33 @@ fn corners<'a>(block: &'a ElementBlock, element: usize, mesh: &'a MixedMesh) -> 
     }
 }
 
-/// Mean dilatation of the elements of each tissue around each node, by node and tissue.
-fn nodal_dilatation(assembly: &Assembly, mesh: &MixedMesh, states: &[Vec<ElementState>]) -> Vec<f64> {
-    let mut sums = vec![(0.0, 0.0); Tissue::COUNT * mesh.positions.len()];
+/// Mean around a node.
+#[derive(Debug, Clone, Copy)]
+struct NodalMean {
+    volume: f64,
+    stress: Matrix3<f64>,
+    ratio: f64,
+}
+
+/// Means of the elements of each tissue around each node, by node and tissue.
+fn nodal_means(assembly: &Assembly, mesh: &MixedMesh, states: &[Vec<ElementState>]) -> Vec<NodalMean> {
+    let none = NodalMean { volume: 0.0, stress: Matrix3::zeros(), ratio: 0.0 };
+    let mut means = vec![none; Tissue::COUNT * mesh.positions.len()];
     for (part, states) in assembly.parts().iter().zip(states) {
         for (element, state) in states.iter().enumerate() {
             let corners = corners(&part.block, element, mesh);
             let share = state.volume / corners.len() as f64;
             for node in corners {
-                let sum = &mut sums[Tissue::COUNT * *node as usize + part.block.tissue[element] as usize];
-                sum.0 += share;
-                sum.1 += share * state.dilatation;
+                let sum = &mut means[Tissue::COUNT * *node as usize + part.block.tissue[element] as usize];
+                sum.volume += share;
+                sum.stress += state.stress * share;
+                sum.ratio += state.ratio * share;
             }
         }
     }
-    sums.into_iter().map(|(volume, sum)| if volume > 0.0 { sum / volume } else { 0.0 }).collect()
+    for mean in means.iter_mut().filter(|mean| mean.volume > 0.0) {
+        mean.stress /= mean.volume;
+        mean.ratio /= mean.volume;
+    }
+    means
 }

@@ -27,8 +27,4 @@ pub(in crate::fem) struct ElementState {
     pub(in crate::fem) stress: Matrix3<f64>,
     /// det F.
     pub(in crate::fem) ratio: f64,
-    /// Slope of the volumetric energy divided by the bulk modulus, or the trace of the small strain.
-    pub(in crate::fem) dilatation: f64,
-    /// Bulk modulus, MPa.
-    pub(in crate::fem) bulk: f64,
 }

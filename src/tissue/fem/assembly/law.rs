@@ -46,22 +46,6 @@ impl Law {
         }
     }
 
-    /// Bulk modulus at rest, MPa.
-    pub(super) fn bulk(&self) -> f64 {
-        match self {
-            Self::Hyperelastic(material) => material.bulk,
-            Self::SmallStrain(c) => [0, 4, 8].iter().flat_map(|i| [0, 4, 8].map(|j| c[(*i, j)])).sum::<f64>() / 9.0,
-        }
-    }
-
-    /// Slope of the volumetric energy divided by the bulk modulus, or the trace of the small strain.
-    pub(super) fn dilatation(&self, f: &Matrix3<f64>) -> f64 {
-        match self {
-            Self::Hyperelastic(material) => material.volumetric.slope(f.determinant()),
-            Self::SmallStrain(_) => f.trace() - 3.0,
-        }
-    }
-
     /// Cauchy stress, MPa; zero where `f` is inverted. With small strain all stress measures agree.
     pub(super) fn cauchy(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
         let stress = self.stress(f).unwrap_or_else(|_| Matrix3::zeros());

@@ -313,16 +313,14 @@ impl Assembly {
         let law = part.law(at.element);
         let q = part.block.n_points;
         let weights = &part.block.weights[at.element * q..(at.element + 1) * q];
-        let mut sum =
-            ElementState { volume: 0.0, stress: Matrix3::zeros(), ratio: 0.0, dilatation: 0.0, bulk: law.bulk() };
+        let mut sum = ElementState { volume: 0.0, stress: Matrix3::zeros(), ratio: 0.0 };
         for (f, w) in self.deformations(at, x).iter().zip(weights) {
             sum.volume += w;
             sum.stress += law.cauchy(f) * *w;
             sum.ratio += w * f.determinant();
-            sum.dilatation += w * law.dilatation(f);
         }
         let stress = sum.stress / sum.volume;
-        ElementState { stress, ratio: sum.ratio / sum.volume, dilatation: sum.dilatation / sum.volume, ..sum }
+        ElementState { stress, ratio: sum.ratio / sum.volume, ..sum }
     }
 
     /// Tissue of an element.

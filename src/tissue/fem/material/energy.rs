@@ -58,7 +58,7 @@ impl Volumetric {
 
     /// First derivative by J, divided by K: the mean Cauchy stress of this part over K.
     #[inline(always)]
-    pub(in crate::fem) fn slope(self, j: f64) -> f64 {
+    fn slope(self, j: f64) -> f64 {
         match self {
             Self::Logarithmic => 0.5 * (j - 1.0) * (1.0 + 1.0 / j),
             Self::Quadratic => j - 1.0,

@@ -82,8 +82,9 @@ fn a_layered_block_over_a_post_is_as_in_an_independent_solution() {
         ("tet, smoothed", Locking::Smoothed, SkinElement::Tetrahedron, 0.02),
         // The skin bends over the rim in two rows of wedges, which are a little stiffer there.
         ("wedge, smoothed", Locking::Smoothed, SkinElement::Wedge, 0.025),
-        ("tet, patched", Locking::Patched, SkinElement::Tetrahedron, 0.02),
-        ("wedge, patched", Locking::Patched, SkinElement::Wedge, 0.025),
+        // A patch is wider than an edge: at the rim of the post it averages over half of the rounding.
+        ("tet, patched", Locking::Patched, SkinElement::Tetrahedron, 0.03),
+        ("wedge, patched", Locking::Patched, SkinElement::Wedge, 0.03),
     ] {
         let (lines, report) = layered_block([24, 24, 6], locking, skin_element, 1.0, &[2.5, 5.0]);
         let found = [lines[1][0].z, lines[1][1].z, lines[1][1].x, lines[1][2].z];
@@ -108,8 +109,9 @@ fn a_post_of_ten_millimetres_is_as_in_an_independent_solution() {
     for (name, locking, skin_element, within) in [
         ("tet, smoothed", Locking::Smoothed, SkinElement::Tetrahedron, 0.02),
         ("wedge, smoothed", Locking::Smoothed, SkinElement::Wedge, 0.025),
-        ("tet, patched", Locking::Patched, SkinElement::Tetrahedron, 0.02),
-        ("wedge, patched", Locking::Patched, SkinElement::Wedge, 0.025),
+        // A patch is wider than an edge: at the rim of the post it averages over half of the rounding.
+        ("tet, patched", Locking::Patched, SkinElement::Tetrahedron, 0.03),
+        ("wedge, patched", Locking::Patched, SkinElement::Wedge, 0.03),
     ] {
         let (lines, report) = layered_block([24, 24, 6], locking, skin_element, 1.0, &[2.5, 5.0, 7.5, 10.0]);
         let found = [lines[3][0].z, lines[3][1].z, lines[3][1].x, lines[3][2].z];

@@ -131,7 +131,7 @@ fn a_tied_scene_is_solved_by_every_model() {
         let warnings = summary["warnings"].as_array().unwrap();
         match model {
             "linear" | "mass_tensor" => {
-                assert!(warnings.len() == 1 && warnings[0]["code"] == "neglected-strain");
+                assert!(warnings.len() == 1 && warnings[0]["code"] == "neglected-strain", "{warnings:?}");
             }
             _ => assert!(warnings.is_empty(), "{model}: {warnings:?}"),
         }

@@ -39,8 +39,8 @@ pub struct DemoArgs {
     /// Number of streamed steps.
     #[arg(long, default_value_t = 6)]
     pub steps: usize,
-    /// Mechanical model: auto, linear or mixed.
-    #[arg(long, default_value = "mixed")]
+    /// Mechanical model: auto, linear, mass_tensor, nonlinear or mixed.
+    #[arg(long, default_value = "auto")]
     pub model: String,
     /// Edge length of the tetrahedra, mm [default: that of the service].
     #[arg(long)]

@@ -216,7 +216,7 @@ async fn every_model_element_and_material_is_solved() {
     let stable =
         |model| SolveSettings { locking: Locking::Patched, ..SolveSettings::new(model, Materials::wang2009_stable()) };
     for (name, model, skin_element) in [
-        ("auto", Model::Mixed, SkinElement::C1Prism),
+        ("auto", Model::Nonlinear, SkinElement::Tetrahedron),
         ("linear", Model::Linear, SkinElement::Wedge),
         ("mass_tensor", Model::MassTensor, SkinElement::Wedge),
         ("nonlinear", Model::Nonlinear, SkinElement::Tetrahedron),
@@ -224,7 +224,7 @@ async fn every_model_element_and_material_is_solved() {
     ] {
         let (settings, report) = solved(json!({"model": name})).await;
         assert_eq!(settings, SolveSettings { skin_element, ..stable(model) });
-        assert_eq!(report["model"], if name == "auto" { "mixed" } else { name });
+        assert_eq!(report["model"], if name == "auto" { "nonlinear" } else { name });
     }
     let (settings, report) = solved(json!({
         "model": "nonlinear", "skin_element": "wedge", "locking": "smoothed", "preset": "wang_2009",

@@ -128,7 +128,7 @@ async fn errors_are_measured_against_the_same_path_parameter_of_a_reference_job(
     }
     let half = app.get(&format!("{job}/steps/3/error")).await.ok();
     assert_eq!((&half["reference"], &half["whole"]["max_mm"]), (&json!(format!("job {id} step 2")), &json!(0.0)));
-    assert_eq!(half["models"], json!(["mixed", "mixed"]), "a difference, no error");
+    assert_eq!(half["models"], json!(["nonlinear", "nonlinear"]), "a difference, no error");
     let on_demand = app.get(&format!("{job}/steps/3/error?reference={id}")).await.ok();
     assert_eq!(on_demand["models"], half["models"]);
     assert_eq!(app.get(&format!("{job}/report")).await.ok()["error"]["reference"], format!("job {id} step 4"));

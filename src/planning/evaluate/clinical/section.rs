@@ -252,9 +252,18 @@ mod tests {
         for margin in [section.rest[begin - 1], section.rest[begin]] {
             assert!((margin.z - 1.0).abs() < 1e-9, "{margin}");
         }
-        assert_eq!(section.rest.len(), whole.rest.len() + 2);
         let is_known = |p: &Point| section.rest.iter().any(|q| (p - q).norm() < 1e-9);
         assert!(whole.rest.iter().all(is_known));
+        // New points, where the plane crosses edges along the slit, lie on the line too.
+        let to_line = |p: &Point| {
+            let segments = whole.rest.windows(2).map(|w| {
+                let along = w[1] - w[0];
+                let t = ((p - w[0]).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+                (p - (w[0] + along * t)).norm()
+            });
+            segments.fold(f64::INFINITY, f64::min)
+        };
+        assert!(section.rest.iter().all(|p| to_line(p) < 1e-6));
     }
 
     #[test]

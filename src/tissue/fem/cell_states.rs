@@ -9,24 +9,23 @@ use prosopon_geometry::Vector;
 
 /// States of the tetrahedra and of the prisms at `x`.
 ///
-/// With a locking-free formulation stress and volume ratio of a cell are means over its nodes of the means around each node: those
-/// of single elements would oscillate.
+/// With a locking-free formulation the stress of a cell is the mean over its nodes of the means around each node: that of single
+/// elements would oscillate. The volume ratio is always that of the cell.
 pub(super) fn cell_states(assembly: &Assembly, mesh: &MixedMesh, x: &[Vector]) -> (Vec<CellState>, Vec<CellState>) {
     let states: Vec<Vec<ElementState>> = (assembly.parts().iter().enumerate())
         .map(|(part, p)| (0..p.block.n_elements()).map(|e| assembly.state(Inversion { part, element: e }, x)).collect())
         .collect();
-    let nodal = assembly.is_smoothed().then(|| nodal_means(assembly, mesh, &states));
+    let nodal = assembly.is_smoothed().then(|| nodal_stress(assembly, mesh, &states));
     let mut tetrahedra = vec![(0.0, Matrix3::zeros(), 0.0); mesh.tetrahedra.len()];
     let mut prisms = vec![(0.0, Matrix3::zeros(), 0.0); mesh.prisms.len()];
     for (part, states) in assembly.parts().iter().zip(&states) {
         for (element, state) in states.iter().enumerate() {
-            let (mut stress, mut ratio) = (state.stress, state.ratio);
+            let mut stress = state.stress;
             if let Some(nodal) = &nodal {
                 let corners = corners(&part.block, element, mesh);
                 let tissue = part.block.tissue[element] as usize;
-                let around = || corners.iter().map(|n| &nodal[Tissue::COUNT * *n as usize + tissue]);
-                stress = around().map(|mean| mean.stress).sum::<Matrix3<f64>>() / corners.len() as f64;
-                ratio = around().map(|mean| mean.ratio).sum::<f64>() / corners.len() as f64;
+                let around = corners.iter().map(|n| nodal[Tissue::COUNT * *n as usize + tissue]);
+                stress = around.sum::<Matrix3<f64>>() / corners.len() as f64;
             }
             let sum = match part.block.cells[element] {
                 MeshCell::Tetrahedron(cell) => &mut tetrahedra[cell as usize],
@@ -34,7 +33,7 @@ pub(super) fn cell_states(assembly: &Assembly, mesh: &MixedMesh, x: &[Vector]) -
             };
             sum.0 += state.volume;
             sum.1 += stress * state.volume;
-            sum.2 += ratio * state.volume;
+            sum.2 += state.ratio * state.volume;
         }
     }
     let mean = |(volume, stress, ratio): (f64, Matrix3<f64>, f64)| {
@@ -58,33 +57,19 @@ fn corners<'a>(block: &'a ElementBlock, element: usize, mesh: &'a MixedMesh) -> 
     }
 }
 
-/// Mean around a node.
-#[derive(Debug, Clone, Copy)]
-struct NodalMean {
-    volume: f64,
-    stress: Matrix3<f64>,
-    ratio: f64,
-}
-
-/// Means of the elements of each tissue around each node, by node and tissue.
-fn nodal_means(assembly: &Assembly, mesh: &MixedMesh, states: &[Vec<ElementState>]) -> Vec<NodalMean> {
-    let none = NodalMean { volume: 0.0, stress: Matrix3::zeros(), ratio: 0.0 };
-    let mut means = vec![none; Tissue::COUNT * mesh.positions.len()];
+/// Mean stress of the elements of each tissue around each node, MPa, by node and tissue.
+fn nodal_stress(assembly: &Assembly, mesh: &MixedMesh, states: &[Vec<ElementState>]) -> Vec<Matrix3<f64>> {
+    let mut sums = vec![(0.0, Matrix3::zeros()); Tissue::COUNT * mesh.positions.len()];
     for (part, states) in assembly.parts().iter().zip(states) {
         for (element, state) in states.iter().enumerate() {
             let corners = corners(&part.block, element, mesh);
             let share = state.volume / corners.len() as f64;
             for node in corners {
-                let sum = &mut means[Tissue::COUNT * *node as usize + part.block.tissue[element] as usize];
-                sum.volume += share;
-                sum.stress += state.stress * share;
-                sum.ratio += state.ratio * share;
+                let sum = &mut sums[Tissue::COUNT * *node as usize + part.block.tissue[element] as usize];
+                sum.0 += share;
+                sum.1 += state.stress * share;
             }
         }
     }
-    for mean in means.iter_mut().filter(|mean| mean.volume > 0.0) {
-        mean.stress /= mean.volume;
-        mean.ratio /= mean.volume;
-    }
-    means
+    sums.into_iter().map(|(volume, sum)| if volume > 0.0 { sum / volume } else { sum }).collect()
 }

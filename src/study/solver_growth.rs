@@ -33,8 +33,8 @@ const ROUNDS: usize = 2;
 
 /// Measures the solver's time by phase against the number of tetrahedra.
 ///
-/// The scene is a slab of 150 x 150 x 16.5 mm. A patch of 41 x 41 mm of its bottom is moved in one step, with and without the
-/// locking-free formulation (`smoothed`).
+/// The scene is a slab of 150 x 150 x 16.5 mm. A patch of 41 x 41 mm of its bottom is moved in one step, with and without
+/// locking-free formulations.
 #[derive(Debug)]
 pub struct SolverGrowthStudy<'a> {
     /// CSV file to write; the charts have the same name with `.svg` and `-phases.svg`.

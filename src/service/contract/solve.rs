@@ -23,7 +23,7 @@ const DEFAULT_STEPS: u32 = 6;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ModelName {
-    /// The service chooses the model; this version always chooses `nonlinear`, which is as accurate as `mixed` in less time.
+    /// The service chooses: `mixed` with the skin element `c1_prism`, else `nonlinear`, which is as accurate in less time.
     #[default]
     Auto,
     /// Linear finite elements: small strain on linear elements (LFEM).
@@ -61,12 +61,15 @@ pub struct Budget {
 }
 
 impl ModelName {
-    /// The model that is solved; `auto` is resolved.
+    /// The model that is solved with this element of the skin; `auto` is resolved.
+    ///
+    /// Jobs that an earlier version stored as `auto` have `c1_prism`: they were and stay `mixed`.
     #[must_use]
-    pub fn resolved(self) -> Self {
-        match self {
-            Self::Auto | Self::Nonlinear => Self::Nonlinear,
-            Self::Linear | Self::MassTensor | Self::Mixed => self,
+    pub fn resolved(self, skin_element: Option<SkinElementName>) -> Self {
+        match (self, skin_element) {
+            (Self::Auto, Some(SkinElementName::C1Prism)) => Self::Mixed,
+            (Self::Auto, Some(SkinElementName::Tet | SkinElementName::Wedge) | None) => Self::Nonlinear,
+            (Self::Linear | Self::MassTensor | Self::Nonlinear | Self::Mixed, _) => self,
         }
     }
 
@@ -136,7 +139,7 @@ impl SolverOptions {
     #[must_use]
     pub fn settings(&self) -> SolveSettings {
         let materials = self.materials.over(self.preset.materials(self.d1_reading.unwrap_or_default()));
-        let mut settings = SolveSettings::new(self.model.into(), materials);
+        let mut settings = SolveSettings::new(self.model.resolved(self.skin_element).into(), materials);
         settings.skin_element = self.skin_element.map_or(settings.skin_element, Into::into);
         settings.locking = self.locking.unwrap_or_default().into();
         settings.relative_residual = self.relative_residual.unwrap_or(settings.relative_residual);
@@ -334,6 +337,12 @@ impl SolveRequest {
         }
     }
 
+    /// The model that is solved.
+    #[must_use]
+    pub fn solved_model(&self) -> ModelName {
+        self.model.resolved(self.skin_element)
+    }
+
     /// Number of load steps of a resolved request.
     #[must_use]
     pub fn steps(&self) -> u32 {
@@ -385,6 +394,10 @@ mod tests {
             assert_eq!(resolved(&format!("{{{PLAN}, {given}}}")), plain, "{given}");
         }
         assert_ne!(resolved(&format!(r#"{{{PLAN}, "locking": "smoothed"}}"#)), plain);
+        let auto = |more: &str| resolved(&format!("{{{PLAN}{more}}}").replace(r#", "model": "linear""#, ""));
+        assert_eq!(auto("").solved_model(), ModelName::Nonlinear);
+        // As earlier versions stored `auto`.
+        assert_eq!(auto(r#", "skin_element": "c1_prism", "locking": "none""#).solved_model(), ModelName::Mixed);
         assert_eq!(serde_json::from_str::<SolveRequest>(&serde_json::to_string(&plain).unwrap()).unwrap(), plain);
     }
 }

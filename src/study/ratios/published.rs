@@ -13,7 +13,8 @@ pub(super) struct Published {
 
 /// The ranges that issue 26 asks for, by operation; [`SOURCES`] says where they come from.
 ///
-/// An operation on both jaws has the ranges of its two parts. "Little up" of the nasal tip is taken as at most 0.15 of the advance: a choice of this study, not a published number.
+/// An operation on both jaws has the ranges of its two parts. "Little up" of the nasal tip is taken as at most 0.15 of the
+/// advance: a choice of this study, not a published number.
 pub(super) const PUBLISHED: [Published; 12] = [
     of("le_fort_1", Measure::Ratio("labrale_superius"), [0.5, 0.9]),
     of("le_fort_1", Measure::Ratio("subnasale"), [0.4, 0.6]),

@@ -69,7 +69,7 @@ pub enum Locking {
     Smoothed,
     /// Patches of about eight tetrahedra with one mean strain.
     ///
-    /// Volumetric energy and four fifths of the isochoric energy at the patch's mean strain, the rest at the elements' own strains
+    /// Volumetric energy and most of the isochoric energy at the patch's mean strain, the rest at the elements' own strains
     /// ([`patches`](super::element::patches)).
     Patched,
 }
@@ -187,7 +187,8 @@ pub struct SolveSettings {
 impl SolveSettings {
     /// Settings with the default values.
     ///
-    /// They are the model's skin element, standard linear elements ([`Locking::None`]), 0.05 mm penetration, 1e-4 relative residual, 30 iterations, and substeps down to 1/256.
+    /// They are the model's skin element, standard linear elements ([`Locking::None`]), 0.05 mm penetration, 1e-4 relative
+    /// residual, 30 iterations, and substeps down to 1/256. The service and the command line solve with [`Locking::Patched`].
     #[must_use]
     pub fn new(model: Model, materials: Materials) -> Self {
         Self {

@@ -36,7 +36,7 @@ pub(super) struct PreparationWork {
 struct Elements {
     blocks: Vec<ElementBlock>,
     surface: Option<C1Surface>,
-    /// Smoothed elements, when they carry the energy.
+    /// Smoothed elements or patches, when they carry the energy.
     smoothed: Option<Vec<Part>>,
 }
 

@@ -291,15 +291,16 @@ pub(super) const REPORTED_DEPTH_MM: f64 = 0.5;
 /// Free tissue deeper in bone should be looked at, mm.
 pub(super) const DEEP_FREE_TISSUE_MM: f64 = 3.0;
 
-/// Tetrahedra of a patch: about one volume constraint for each node of the lattice, which has 6 to 12 tetrahedra a node. Patches of
-/// 6 are a tenth of the error stiffer, patches of 12 fill the factor more (Cook's membrane of both lattices, small strain).
+/// Tetrahedra of a patch: about one volume constraint for each node of the lattice, which has 6 to 12 tetrahedra a node. On
+/// Cook's membrane over a body-centred lattice, small strain, patches of 6 are 1 % stiffer and patches of 12 fill the factor by
+/// 5 % more.
 pub(super) const PATCH_SIZE: usize = 8;
 /// Largest number of tetrahedra of a patch that takes in a small neighbour.
 pub(super) const PATCH_MOST: usize = 12;
-/// Share of the isochoric energy of tetrahedra that is taken at a patch's mean strain. Cook's membrane at Poisson ratios 0.45, 0.49 and
-/// 0.499 is then 2 % too stiff (`cooks_membrane_does_not_lock_with_patches`); with 0.9 it would be soft on coarse meshes.
+/// Share of the isochoric energy of tetrahedra that is taken at a patch's mean strain: Cook's membrane at Poisson ratios 0.45,
+/// 0.49 and 0.499 is then 2 % too stiff (`cooks_membrane_does_not_lock_with_patches`).
 pub(super) const PATCH_SHARE: f64 = 0.85;
-/// Bulk modulus that goes with the rest of that energy, in shear moduli (a Poisson ratio of 0.35). An isochoric energy alone loses
-/// its stiffness at large stretch in modes that a mean does not see: a bar would stop at 80 % of its length
+/// Bulk modulus that goes with the rest of that energy, in shear moduli (a Poisson ratio of 0.35). An isochoric energy alone
+/// loses its stiffness at large stretch in modes that a mean does not see: a bar would stop at 80 % of its path
 /// (`patches_go_as_far_as_plain_elements_when_stretched_and_bent`).
 pub(super) const PATCH_BULK: f64 = 3.0;

@@ -39,5 +39,5 @@ fn solve_of(job: &JobRecord) -> Option<(String, Vec<PathDocument>)> {
         plan: PlanDocument,
     }
     let solve: Solve = serde_json::from_str(&job.request).ok()?;
-    Some((solve.request.model.resolved().as_str().to_owned(), solve.plan.paths))
+    Some((solve.request.solved_model().as_str().to_owned(), solve.plan.paths))
 }

@@ -55,7 +55,7 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         session: i.job.session.to_string(),
         finished_at: now_rfc3339(),
         attempt: i.job.attempt,
-        model: i.request.request.model.resolved().as_str().to_owned(),
+        model: i.request.request.solved_model().as_str().to_owned(),
         parameters: parameters(i.request).into(),
         inputs: inputs(i.parts)?,
         phases: phases(i),

@@ -143,7 +143,7 @@ async fn report(
         session: context.job.session.to_string(),
         finished_at: now_rfc3339(),
         attempt: context.job.attempt,
-        model: solve.model.resolved().as_str().to_owned(),
+        model: solve.solved_model().as_str().to_owned(),
         parameters: parameters.into(),
         inputs: inputs(parts)?,
         phases: PhasesDocument { solve_s, total_s: solve_s, ..PhasesDocument::default() },

@@ -158,7 +158,7 @@ impl Assembly {
         any
     }
 
-    /// Whether smoothed elements carry the energy.
+    /// Whether smoothed elements or patches carry the energy.
     pub(in crate::fem) fn is_smoothed(&self) -> bool {
         self.geometry.is_some()
     }

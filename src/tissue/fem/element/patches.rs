@@ -11,8 +11,10 @@ use super::block::ElementBlock;
 use super::smoothing::{Share, domains};
 use crate::fem::tuning::{PATCH_MOST, PATCH_SIZE};
 
-/// Elements at the mean strain of patches: groups of linear tetrahedra of one tissue that hang together by faces. Any other element
-/// is a patch of its own.
+/// Elements at the mean strain of patches.
+///
+/// A patch is a group of linear tetrahedra of one tissue connected through faces; any other element is a patch of its own.
+/// Which tetrahedra share a patch depends on their order in the blocks.
 #[must_use]
 pub fn patches(blocks: &[&ElementBlock]) -> Vec<ElementBlock> {
     let mut elements = Vec::new();

@@ -210,6 +210,17 @@ pub(super) fn attach(
     AttachResult { warnings, attached, tied_share }
 }
 
+/// Whether a segment in `moving` ties, carries or can push a node of an attached mesh.
+pub(super) fn is_moved(mesh: &MixedMesh, bone: &CutBone, moving: &[u32]) -> bool {
+    let near = Nearness { solids: bone.solids(), moving };
+    let is_moved = |(node, attachment): (usize, &Attachment)| match attachment {
+        Attachment::Tied(segment) | Attachment::Gliding(segment) => moving.contains(segment),
+        Attachment::Sliding => near.nearest(&mesh.positions[node]).is_some_and(|(_, own)| moving.contains(&own)),
+        Attachment::Free | Attachment::Fixed => false,
+    };
+    mesh.attachment.par_iter().enumerate().any(is_moved)
+}
+
 impl Released {
     fn warnings(&self, rules: &AttachmentRules) -> Vec<Warning> {
         let how = |class: NodeClass| match class {

@@ -1,4 +1,4 @@
-use super::attach::{AttachResult, Attached, attach, open_ends};
+use super::attach::{AttachResult, Attached, attach, is_moved, open_ends};
 use super::reach::{BoneMotion, beyond_reach, displacement_class_mm};
 use super::skin_mover::SkinMover;
 use super::tuning::{MAX_BORDER_MM, SETUP_SHARE, WARN_BORDER, WARN_BORDER_MM};
@@ -160,15 +160,7 @@ impl PreparedTissue {
             Beyond::Wall => Vec::new(),
         };
         let displacement_mm = displacement_class_mm(bone, plan);
-        let left_out = if settings.leave_out_below_mm > 0.0 {
-            let motion = BoneMotion { moving: &moving, displacement_mm };
-            beyond_reach(&mesh, bone, motion, settings.leave_out_below_mm, &settings.solver.materials, control)?
-        } else {
-            Vec::new()
-        };
-        left_out.iter().for_each(|node| mesh.attachment[*node as usize] = Attachment::Fixed);
-        let is_held = |a: &Attachment| matches!(a, Attachment::Fixed | Attachment::Tied(_));
-        if !left_out.is_empty() && mesh.attachment.iter().all(is_held) {
+        if displacement_mm > 0.0 && !is_moved(&mesh, bone, &moving) {
             let detail = format!(
                 "no tissue is tied to the moving segments, glides on them or is pushed by them ({} nodes were painted); paint \
                  tissue at these segments `tied`",
@@ -176,6 +168,13 @@ impl PreparedTissue {
             );
             return Err(SolveError::Problem { detail }.into());
         }
+        let left_out = if settings.leave_out_below_mm > 0.0 {
+            let motion = BoneMotion { moving: &moving, displacement_mm };
+            beyond_reach(&mesh, bone, motion, settings.leave_out_below_mm, &settings.solver.materials, control)?
+        } else {
+            Vec::new()
+        };
+        left_out.iter().for_each(|node| mesh.attachment[*node as usize] = Attachment::Fixed);
         let boundary = Boundary { tied_share, foundation_n_mm, ..Boundary::default() };
         let solver = SolveSettings { pull_off_mpa: rules.pull_off_mpa, ..settings.solver.clone() };
         let equations = Prepared::new(&mesh, &bone.bodies(), &boundary, solver, control)?;

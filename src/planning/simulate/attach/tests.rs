@@ -143,6 +143,25 @@ fn what_is_painted_goes_over_the_rules_and_the_last_one_wins() {
 }
 
 #[test]
+fn tissue_is_moved_only_by_what_is_attached_to_a_moving_segment() {
+    let bone = jaws(plane(), Some(arch()));
+    let painted = |class| {
+        let part = MaskRegion::Ball { centre: Point::new(0.0, -20.0, -20.0), radius_mm: 20.0 };
+        let rules = AttachmentRules { paint: vec![Paint { class, part }], ..AttachmentRules::default() };
+        // Two nodes at the moving lower block and one at the upper, which stays.
+        let mut mesh = front(&[-20.0, -30.0, 30.0]);
+        attach(&mut mesh, &bone, &[1], None, &rules);
+        mesh
+    };
+    for (class, expected) in
+        [(NodeClass::Tied, true), (NodeClass::Gliding, true), (NodeClass::Sliding, true), (NodeClass::Free, false)]
+    {
+        let mesh = painted(class);
+        assert_eq!(is_moved(&mesh, &bone, &[1]), expected, "{class:?} {:?}", mesh.attachment);
+    }
+}
+
+#[test]
 fn nodes_take_the_class_of_the_nearest_painted_vertex_of_the_skull() {
     use Attachment::{Free, Tied};
     let positions = [-38.5, -20.0, 30.0, 60.0].map(|z| Point::new(0.0, -21.0, z)).to_vec();

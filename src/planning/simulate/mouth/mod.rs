@@ -61,7 +61,7 @@ pub(super) fn find(face: &Face<'_>, mouth: &Mouth) -> (Option<Slit>, Vec<Warning
 /// Warning that the lips stay joined.
 pub(super) fn not_parted(reason: &str) -> Warning {
     let warning = Warning::check("mouth-not-parted", format!("the lips are joined in the mesh: {reason}"));
-    warning.act("Give the curve between the lips as `mouth`, or the landmarks of the mouth.")
+    warning.act("Give the line between the lips, on the skin and in mm, as the curve of `mouth`, or the landmarks of the mouth.")
 }
 
 fn by_curve(face: &Face<'_>, points: &[Point]) -> Result<(Slit, Vec<Warning>), Reason> {

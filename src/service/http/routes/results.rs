@@ -113,7 +113,12 @@ async fn at_rest(service: &Service, id: JobId) -> Result<(JobRecord, TriMesh), P
 async fn find(service: &Service, id: JobId, k: u32) -> Result<(JobRecord, StepRecord), Problem> {
     let job = service.job(id).await?;
     if k == 0 || k > job.steps {
-        return Err(Problem::new(FaultKind::NotFound, format!("the job has no step {k}, only 1 to {}", job.steps)));
+        let detail = match (job.steps, k) {
+            (0, _) => format!("a job of kind {} has no steps; name a solve", job.kind.as_str()),
+            (_, 0) => "step 0 is the skin at rest, which has no error; name a step from 1 on".to_owned(),
+            (steps, _) => format!("the job has no step {k}, only 0 (at rest) to {steps}"),
+        };
+        return Err(Problem::new(FaultKind::NotFound, detail));
     }
     match service.store().step(id, k).await? {
         Some(step) => Ok((job, step)),

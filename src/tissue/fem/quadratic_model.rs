@@ -10,7 +10,8 @@ use super::failure::Failure;
 use super::report::IterationRecord;
 use super::springs::Bend;
 use super::tuning::{
-    DOUBTFUL_MM, FORCING_OF_PREDICTION, MAX_ACTIVE_SETS, MAX_CONTACT_MOTION_MM, NEGLIGIBLE_CHANGES, TRUSTED_MM,
+    DOUBTFUL_MM, FORCING_OF_PREDICTION, INVERSION_MARGIN, MAX_ACTIVE_SETS, MAX_CONTACT_MOTION_MM, NEGLIGIBLE_CHANGES,
+    TRUSTED_MM,
 };
 use prosopon_geometry::{Motion, Vector};
 
@@ -190,6 +191,7 @@ pub(super) fn predict(
     });
     let kept = equations.state.contact_forces.clone();
     let end = end.as_slice();
+    let mut inverted = None;
     for curvature in [Curvature::Exact, Curvature::Projected] {
         let springs = equations.state.springs.stiffness_at(&target, end);
         equations.work.tangent(&equations.problem, x, curvature, Bend::Limited(springs))?;
@@ -201,16 +203,32 @@ pub(super) fn predict(
         }
         let goal = Goal { x: &target, motions: end, load: &load, forcing: FORCING_OF_PREDICTION };
         if let Ok(d) = minimise_model(equations, goal, &mut CurvatureTerms::default(), &mut record) {
-            target = equations.moved(&target, end, 1.0, &d);
-            let found_mm = equations.energy(&target, end)?.penetration_mm;
-            if found_mm > 2.0 * MAX_CONTACT_MOTION_MM {
-                return Err(Failure::Penetration { found_mm });
+            match predicted(equations, &target, end, 1.0, &d) {
+                Err(Failure::Inverted(_)) => inverted = Some(d),
+                found => return found,
             }
-            return Ok(target);
         }
         equations.work.solver_mut().refresh();
     }
-    Err(Failure::Indefinite)
+    // Where the tangent is nearly singular, the whole prediction may be far off; equilibrium is then sought from a part of it.
+    let Some(d) = inverted else { return Err(Failure::Indefinite) };
+    let whole = equations.moved(&target, end, 1.0, &d);
+    let change: Vec<Vector> = whole.iter().zip(&target).map(|(a, b)| a - b).collect();
+    let share = INVERSION_MARGIN * equations.problem.assembly().first_inversion(&target, &change).share;
+    predicted(equations, &target, end, share, &d)
+}
+
+/// The state after a share of the predicted change `d`, unless it penetrates bone deeply or inverts an element.
+fn predicted(
+    equations: &Equations<'_>,
+    target: &[Vector],
+    motions: &[Motion],
+    share: f64,
+    d: &[f64],
+) -> Result<Vec<Vector>, Failure> {
+    let x = equations.moved(target, motions, share, d);
+    let found_mm = equations.energy(&x, motions)?.penetration_mm;
+    if found_mm > 2.0 * MAX_CONTACT_MOTION_MM { Err(Failure::Penetration { found_mm }) } else { Ok(x) }
 }
 
 /// Gradients of the energy of elements, springs and loads by all nodes at `x`, and at `target`, there to first order in the

@@ -95,7 +95,7 @@ impl Prepared {
         check_mesh(mesh)?;
         check_boundary(mesh, boundary)?;
         let elements = Elements::new(mesh, &settings, control)?;
-        let warnings = warnings_at_rest(mesh, &settings, elements.surface.as_ref());
+        let warnings = warnings_at_rest(mesh, &settings, &elements);
         let coupled = elements.coupled();
         let elements_take = memory::of_elements(&coupled);
         memory::check("the elements", elements_take, control)?;
@@ -278,8 +278,12 @@ fn last_nodes(mesh: &MixedMesh, guarded: Vec<bool>) -> Vec<bool> {
 }
 
 /// Warnings about mesh and materials before any motion.
-fn warnings_at_rest(mesh: &MixedMesh, settings: &SolveSettings, surface: Option<&C1Surface>) -> Vec<Warning> {
-    let mut warnings = surface.map(C1Surface::warnings).unwrap_or_default();
+fn warnings_at_rest(mesh: &MixedMesh, settings: &SolveSettings, elements: &Elements) -> Vec<Warning> {
+    let mut warnings = elements.surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
+    if settings.skin_element == SkinElement::Tetrahedron {
+        let wedges = elements.blocks.iter().filter(|b| b.n_functions == 6).map(ElementBlock::n_elements).sum();
+        warnings.extend(element::wedges_warning(wedges, "tetrahedra"));
+    }
     warnings.extend(settings.stiffness_warnings(mesh));
     warnings.extend(settings.stability_warnings(mesh));
     warnings.extend(settings.locking_warning(mesh));
@@ -334,7 +338,7 @@ fn element_blocks(
     let mut blocks = vec![element::tetrahedra(mesh)?];
     let mut surface = None;
     match settings.skin_element {
-        SkinElement::Tetrahedron => blocks.push(element::prisms_as_tetrahedra(mesh)?),
+        SkinElement::Tetrahedron => blocks.extend(element::prisms_as_tetrahedra(mesh)?),
         SkinElement::Wedge => blocks.push(element::wedges(mesh)?),
         SkinElement::C1Prism => {
             let c1 = C1Surface::new(mesh);

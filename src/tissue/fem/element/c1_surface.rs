@@ -71,6 +71,12 @@ impl Patch {
     }
 }
 
+/// Warning of `prisms` that are wedges in place of `elements`; `None` when there are none.
+pub fn wedges_warning(prisms: usize, elements: &str) -> Option<Warning> {
+    let message = format!("{prisms} prisms at folds of the skin are linear wedges instead of {elements}");
+    (prisms > 0).then(|| Warning::check("skin-wedges", message).act("Smooth the skin surface there."))
+}
+
 impl C1Surface {
     /// Changes made to prevent inverted prisms at rest; empty when none were needed.
     #[must_use]
@@ -94,11 +100,7 @@ impl C1Surface {
             );
             warnings.push(Warning::check("flattened-skin", message).act("Smooth the skin surface there."));
         }
-        if !self.plain.is_empty() {
-            let message =
-                format!("{} prisms at folds of the skin are linear wedges instead of C1 prisms", self.plain.len());
-            warnings.push(Warning::check("skin-wedges", message).act("Smooth the skin surface there."));
-        }
+        warnings.extend(wedges_warning(self.plain.len(), "C1 prisms"));
         warnings
     }
 

@@ -19,7 +19,7 @@ mod smoothing;
 
 pub use block::{ElementBlock, ElementError, MeshCell};
 pub use c1_prism::{c1_prisms, plain_prisms};
-pub use c1_surface::C1Surface;
+pub use c1_surface::{C1Surface, wedges_warning};
 pub use linear::{tetrahedra, wedges};
 pub use normal_jump::NormalJump;
 pub use patches::patches;

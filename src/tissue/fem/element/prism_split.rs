@@ -1,27 +1,30 @@
 use std::cmp::Ordering;
 
 use super::block::{ElementBlock, ElementError, MeshCell};
-use super::linear::push_tetrahedron;
+use super::linear::{push_tetrahedron, wedges_of};
 use crate::mesh::MixedMesh;
 
 /// Number of passes that change the order of the nodes to reduce inverted tetrahedra.
 const PASSES: usize = 4;
 
-/// Prisms split into three linear tetrahedra each, consistently across prisms.
+/// Prisms split into three linear tetrahedra each, consistently across prisms; and as wedges those that are too twisted for it.
 ///
 /// Every side face is cut from its corner that comes first in an order of all nodes, which is always possible (Dompierre et al.,
 /// 8th International Meshing Roundtable 1999). The order is that of the rest positions by x, then y, then z, so it does not
 /// depend on the numbering. Nodes of twisted prisms are moved to the front of the order where that leaves fewer inverted
-/// tetrahedra.
-///
-/// Tetrahedra `3 i` to `3 i + 2` come from prism `i`; an error names `i`.
+/// tetrahedra. A prism with an inverted tetrahedron in every order becomes a wedge, which shares its nodes with the tetrahedra
+/// around it and differs from them within its side faces only.
 ///
 /// # Errors
-/// [`ElementError::InvertedAtRest`].
-pub fn prisms_as_tetrahedra(mesh: &MixedMesh) -> Result<ElementBlock, ElementError> {
+/// [`ElementError::InvertedAtRest`] for a prism whose wedge is inverted too.
+pub fn prisms_as_tetrahedra(mesh: &MixedMesh) -> Result<[ElementBlock; 2], ElementError> {
     let rank = order(mesh);
+    let twisted: Vec<usize> = (0..mesh.prisms.len()).filter(|&p| inverted(mesh, p, &rank) > 0).collect();
     let mut block = ElementBlock::empty("tetrahedron", 4, 1, 3 * mesh.prisms.len());
     for (prism, corners) in mesh.prisms.iter().enumerate() {
+        if twisted.binary_search(&prism).is_ok() {
+            continue;
+        }
         for corners in split(corners, &rank) {
             block.cells.push(MeshCell::Prism(prism as u32));
             push_tetrahedron(&mut block, mesh, prism, &corners, mesh.tissue_of_prism(prism)).map_err(
@@ -33,7 +36,7 @@ pub fn prisms_as_tetrahedra(mesh: &MixedMesh) -> Result<ElementBlock, ElementErr
             )?;
         }
     }
-    Ok(block)
+    Ok([block, wedges_of(mesh, twisted.into_iter())?])
 }
 
 /// Rank of each node; the smallest is first in the order.
@@ -146,7 +149,8 @@ mod tests {
     fn the_split_does_not_depend_on_the_numbering() {
         let mut splits: Vec<Vec<[usize; 4]>> = Vec::new();
         for order in permutations() {
-            let block = prisms_as_tetrahedra(&prism(2.0, 3.0, 1.5, order)).unwrap();
+            let [block, wedges] = prisms_as_tetrahedra(&prism(2.0, 3.0, 1.5, order)).unwrap();
+            assert_eq!(wedges.n_elements(), 0);
             assert!(block.weights.iter().all(|w| (w - 1.5).abs() < 1e-14));
             let corner = |node: &u32| order.iter().position(|n| n == node).unwrap();
             let (tetrahedra, _) = block.nodes.as_chunks::<4>();
@@ -174,10 +178,27 @@ mod tests {
             }
             let by_number: Vec<i64> = (0..6).collect();
             mended += usize::from(inverted(&mesh, 0, &by_number) > 0);
-            let block = prisms_as_tetrahedra(&mesh).unwrap();
+            let [block, wedges] = prisms_as_tetrahedra(&mesh).unwrap();
+            assert_eq!(wedges.n_elements(), 0);
             assert!(block.weights.iter().all(|w| *w > 0.0));
         }
         assert!(mended > 0);
+    }
+
+    /// With its outer triangle turned by 143°, a prism has an inverted tetrahedron in every order but a sound wedge.
+    #[test]
+    fn a_prism_too_twisted_for_tetrahedra_becomes_a_wedge() {
+        let mut mesh = prism(2.0, 2.0, 1.0, [0, 1, 2, 3, 4, 5]);
+        for corner in 0..3 {
+            let p = &mut mesh.positions[corner];
+            let (sin, cos) = 2.5_f64.sin_cos();
+            let (x, y) = (p.x - 0.67, p.y - 0.67);
+            (p.x, p.y) = (0.67 + cos * x - sin * y, 0.67 + sin * x + cos * y);
+        }
+        let [tetrahedra, wedges] = prisms_as_tetrahedra(&mesh).unwrap();
+        assert_eq!((tetrahedra.n_elements(), wedges.n_elements()), (0, 1));
+        assert_eq!(wedges.cells, [MeshCell::Prism(0)]);
+        assert!(wedges.weights.iter().all(|w| *w > 0.0));
     }
 
     #[test]

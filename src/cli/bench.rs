@@ -223,7 +223,7 @@ pub(super) struct OperationArguments {
     #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
     heads: Vec<HeadSource>,
     /// Models as model:locking:edge, edge length in mm.
-    #[arg(long, value_delimiter = ',', default_value = "mixed:none:4")]
+    #[arg(long, value_delimiter = ',', default_value = "nonlinear:none:4")]
     cases: Vec<ModelCase>,
     /// Run only operations whose name contains this text.
     #[arg(long)]
@@ -264,7 +264,7 @@ pub(super) struct RatioArguments {
     #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
     heads: Vec<HeadSource>,
     /// Model as model:locking:edge, edge length in mm.
-    #[arg(long, default_value = "mixed:none:4")]
+    #[arg(long, default_value = "nonlinear:none:4")]
     case: ModelCase,
     /// Run only operations whose name contains this text.
     #[arg(long)]

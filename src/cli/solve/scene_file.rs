@@ -15,7 +15,7 @@ use prosopon_formats::import::{Limits, detect_surface, surface, volume_mesh};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{VolumeMesh, Warning};
 use prosopon_planning::plan::{Path as SegmentPath, Plan};
-use prosopon_planning::simulate::{ReadyMesh, Scene};
+use prosopon_planning::simulate::{READY_MESH_LOCKING, ReadyMesh, Scene};
 use prosopon_service::http::{strict_json, strict_value};
 use prosopon_tissue::fem::SolveSettings;
 use prosopon_tissue::mesh::{Attachment, Tissue};
@@ -156,7 +156,7 @@ impl SceneFile {
         let stiffness = self.contact_stiffness_factor.unwrap_or(1.0);
         check.number("/contact_stiffness_factor", stiffness, 1e-6, 1e6);
         FileFaults::finish(check).map_err(|faults| value("values", faults.to_string()))?;
-        Ok(SolveSettings { contact_stiffness_factor: stiffness, ..options.settings() })
+        Ok(SolveSettings { contact_stiffness_factor: stiffness, ..options.settings(READY_MESH_LOCKING) })
     }
 
     fn plan(&self) -> Result<Plan, SceneError> {

@@ -24,7 +24,7 @@ pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_aro
 pub use mouth::Mouth;
 pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;
-pub use ready_mesh::{CellIndex, ReadyMesh, ReadyMeshError};
+pub use ready_mesh::{CellIndex, READY_MESH_LOCKING, ReadyMesh, ReadyMeshError};
 pub use run::{
     Frame, LEAVE_OUT_BELOW_MM, LeftOut, OnFrame, Outcome, PathCheckpoint, PathStart, PreparedTissue, RegionMotion,
     RunSettings, solve, solve_prepared,

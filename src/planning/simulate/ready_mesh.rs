@@ -1,7 +1,7 @@
 //! A ready mesh: a volume mesh that the client brings, in the form that the solver takes.
 
 use prosopon_geometry::{Cell, DataArray, Point, Vector, VolumeMesh, Warning};
-use prosopon_tissue::fem::{Boundary, SolveError, check_support};
+use prosopon_tissue::fem::{Boundary, Locking, SolveError, check_support};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue, boundary_of};
 
 /// Why a volume mesh cannot be solved on.
@@ -63,6 +63,11 @@ pub enum CellIndex {
     /// A prism of the mesh.
     Prism(u32),
 }
+
+/// Default treatment of locking on ready meshes, for the command line and the service.
+///
+/// Ready meshes may have any material, and plain linear elements are a quarter too stiff near incompressibility.
+pub const READY_MESH_LOCKING: Locking = Locking::Patched;
 
 /// A volume mesh with its boundary conditions and loads.
 #[derive(Debug, Clone, PartialEq)]

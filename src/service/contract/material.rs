@@ -378,7 +378,7 @@ impl From<SkinElementName> for SkinElement {
 }
 
 /// Locking-free formulation of linear tetrahedra.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LockingName {
     /// None: plain linear tetrahedra.
@@ -386,7 +386,6 @@ pub enum LockingName {
     /// Isochoric energy at strains averaged over edges, volumetric energy at strains averaged over nodes.
     Smoothed,
     /// Volumetric and most of the isochoric energy at strains averaged over patches of about eight tetrahedra.
-    #[default]
     Patched,
 }
 

@@ -14,7 +14,7 @@ use super::material::{
 use super::material_check::check_laws;
 use super::session::{MAX_STEPS, SessionSettings};
 use prosopon_planning::simulate::LEAVE_OUT_BELOW_MM;
-use prosopon_tissue::fem::{Model, SolveSettings};
+use prosopon_tissue::fem::{Locking, Model, SolveSettings};
 
 /// Load steps of a solve that starts from rest.
 const DEFAULT_STEPS: u32 = 6;
@@ -104,7 +104,7 @@ pub struct SolverOptions {
     pub model: ModelName,
     /// Element of the skin layer; the model's when `None`.
     pub skin_element: Option<SkinElementName>,
-    /// Locking-free formulation; `patched` when `None`.
+    /// Locking-free formulation; when `None`, the one that [`SolverOptions::settings`] is given.
     pub locking: Option<LockingName>,
     /// Materials.
     pub preset: PresetName,
@@ -135,13 +135,13 @@ impl SolverOptions {
         }
     }
 
-    /// Settings for the solver.
+    /// Settings for the solver; `locking` applies when the options name none.
     #[must_use]
-    pub fn settings(&self) -> SolveSettings {
+    pub fn settings(&self, locking: Locking) -> SolveSettings {
         let materials = self.materials.over(self.preset.materials(self.d1_reading.unwrap_or_default()));
         let mut settings = SolveSettings::new(self.model.resolved(self.skin_element).into(), materials);
         settings.skin_element = self.skin_element.map_or(settings.skin_element, Into::into);
-        settings.locking = self.locking.unwrap_or_default().into();
+        settings.locking = self.locking.map_or(locking, Into::into);
         settings.relative_residual = self.relative_residual.unwrap_or(settings.relative_residual);
         settings.penetration_tolerance_mm = self.penetration_tolerance_mm.unwrap_or(settings.penetration_tolerance_mm);
         settings.unstable_material = self.unstable_material.into();
@@ -218,7 +218,7 @@ pub struct SolveRequest {
     pub skin_element: Option<SkinElementName>,
     /// Locking-free formulation for nearly incompressible tissue.
     ///
-    /// `patched` when absent.
+    /// When absent: `patched` on an uploaded tissue mesh, else `none`.
     #[serde(default)]
     pub locking: Option<LockingName>,
     /// Convergence tolerance: residual force divided by reaction force, 1e-12 to 0.1; 1e-4 when absent.
@@ -256,9 +256,11 @@ pub struct SolveRequest {
 impl SolveRequest {
     /// The request, checked, with the defaults of the session and the service filled in. This is the stored form.
     ///
+    /// `locking` applies when the request names none.
+    ///
     /// # Errors
     /// A fault that lists every value that is not allowed; [`FaultKind::NotAvailable`] for a budget.
-    pub fn resolved(mut self, session: &SessionSettings, max_wall: Duration) -> Result<Self, Fault> {
+    pub fn resolved(mut self, session: &SessionSettings, max_wall: Duration, locking: Locking) -> Result<Self, Fault> {
         if self.budget.is_some() {
             return Err(Fault::new(FaultKind::NotAvailable, "budgets are not available in this version").at("/budget"));
         }
@@ -276,13 +278,13 @@ impl SolveRequest {
         }
         check.number("/leave_out_below_mm", self.leave_out_below_mm(), 0.0, 1.0);
         check.finish()?;
-        self.fill();
+        self.fill(locking);
         Ok(self)
     }
 
     /// Fills in the defaults of the solver, so that requests with the same meaning are equal.
-    fn fill(&mut self) {
-        let defaults = SolverOptions { model: self.model, ..SolverOptions::default() }.settings();
+    fn fill(&mut self, locking: Locking) {
+        let defaults = SolverOptions { model: self.model, ..SolverOptions::default() }.settings(locking);
         self.skin_element.get_or_insert(defaults.skin_element.into());
         self.locking.get_or_insert(defaults.locking.into());
         self.relative_residual.get_or_insert(defaults.relative_residual);
@@ -374,7 +376,7 @@ mod tests {
 
     fn resolved(text: &str) -> SolveRequest {
         let request: SolveRequest = serde_json::from_str(text).unwrap();
-        request.resolved(&SessionSettings::default(), Duration::from_secs(3600)).unwrap()
+        request.resolved(&SessionSettings::default(), Duration::from_secs(3600), Locking::None).unwrap()
     }
 
     #[test]
@@ -382,7 +384,7 @@ mod tests {
         const PLAN: &str = r#""plan": "0192f0c4-0000-7000-8000-000000000000", "model": "linear""#;
         let plain = resolved(&format!("{{{PLAN}}}"));
         for given in [
-            r#""locking": "patched""#,
+            r#""locking": "none""#,
             r#""skin_element": "wedge""#,
             r#""relative_residual": 1e-4"#,
             r#""penetration_tolerance_mm": 0.05"#,

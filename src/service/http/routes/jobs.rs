@@ -20,7 +20,8 @@ use crate::http::{AppState, Problem};
 use prosopon_contract::{
     CutDocument, Fault, FaultKind, SessionSettings, SolveRequest, TissueDocument, from_json, short_number,
 };
-use prosopon_jobs::{Order, SceneTask, SolveTask};
+use prosopon_jobs::{HEAD_LOCKING, Order, SceneTask, SolveTask};
+use prosopon_planning::simulate::READY_MESH_LOCKING;
 use prosopon_session::SessionParts;
 use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, PlanRecord, SessionId};
 
@@ -72,10 +73,13 @@ pub(in crate::http) async fn create(
     check_painted(&request, &parts)?;
     let defaults = session_settings(&state, session).await?;
     let ready = parts.tissue()?;
-    if ready.is_some() {
+    let locking = if ready.is_some() {
         request.check_uploaded_mesh()?;
-    }
-    let request = request.resolved(&defaults, state.service.settings().max_wall)?;
+        READY_MESH_LOCKING
+    } else {
+        HEAD_LOCKING
+    };
+    let request = request.resolved(&defaults, state.service.settings().max_wall, locking)?;
     let (supersede, max_wall_s, mesh_job) = (request.supersede, request.max_wall_s, request.mesh);
     let steps = request.steps();
     let order = |content: String| Order {

@@ -15,7 +15,7 @@ use prosopon_contract::{
     to_json,
 };
 use prosopon_formats::import::volume_mesh;
-use prosopon_planning::simulate::{OuterSurface, ReadyMesh};
+use prosopon_planning::simulate::{OuterSurface, READY_MESH_LOCKING, ReadyMesh};
 use prosopon_session::{SceneBones, SceneRun, SceneSolved, SessionParts, load_mesh, read_part};
 use prosopon_store::{PartKind, encode_mesh, now_rfc3339};
 
@@ -48,7 +48,7 @@ pub(super) async fn perform(context: &Context, request: &SceneTask) -> Result<Do
         bones,
         fields: (&request.field_settings).into(),
         plan: request.plan.plan()?,
-        solver: request.request.options().settings(),
+        solver: request.request.options().settings(READY_MESH_LOCKING),
         steps: request.request.steps() as usize,
         file: request.request.wants_tissue(),
         checkpoint: before.as_ref().map(|before| before.checkpoint.clone()),

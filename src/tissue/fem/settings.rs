@@ -188,7 +188,7 @@ impl SolveSettings {
     /// Settings with the default values.
     ///
     /// They are the model's skin element, standard linear elements ([`Locking::None`]), 0.05 mm penetration, 1e-4 relative
-    /// residual, 30 iterations, and substeps down to 1/256. Ready meshes are solved with [`Locking::Patched`] where nothing else is asked for.
+    /// residual, 30 iterations, and substeps down to 1/256. Uploaded meshes are solved with [`Locking::Patched`] by default.
     #[must_use]
     pub fn new(model: Model, materials: Materials) -> Self {
         Self {

@@ -4,8 +4,8 @@ use super::assembly::Inversion;
 use super::dot::dot;
 use super::equations::Equations;
 use super::tuning::{
-    ENERGY_ROUND_OFF, INVERSION_CUT, INVERSION_MARGIN, LONGEST_STEP, MAX_CONTACT_MOTION_MM, SHORTEST_STEP,
-    SLOPE_DECREASE, SUFFICIENT_DECREASE,
+    ENERGY_ROUND_OFF, INVERSION_CUT, INVERSION_MARGIN, LEAST_CERTAIN, LONGEST_SHALLOW_STEP, LONGEST_STEP,
+    MAX_CONTACT_MOTION_MM, SHALLOW, SHORTEST_STEP, SLOPE_DECREASE, SUFFICIENT_DECREASE,
 };
 use prosopon_geometry::{Motion, Vector};
 
@@ -49,8 +49,17 @@ pub(super) fn search(
         match equations.energy(&trial, motions) {
             Ok(found) if found.penetration_mm > deepest => step *= 0.5,
             Ok(found) if found.energy <= energy + SUFFICIENT_DECREASE * step * slope => {
-                let longer = unstable && step == 1.0;
-                return Ok(if longer { extended(equations, x, motions, d, found.energy, deepest) } else { step });
+                if step < 1.0 {
+                    return Ok(step);
+                }
+                let most = if unstable {
+                    LONGEST_STEP
+                } else if slope.abs() > LEAST_CERTAIN * uncertain && is_shallow(found.energy - energy, slope) {
+                    LONGEST_SHALLOW_STEP
+                } else {
+                    1.0
+                };
+                return Ok(extended(equations, (x, d), motions, found.energy, deepest, most));
             }
             // Near the minimum the slope is still accurate where differences of the energy are not.
             Ok(_)
@@ -75,17 +84,23 @@ pub(super) fn search(
     Err(inverted.map_or(NoStep::NoDescent, NoStep::Inverted))
 }
 
-/// Doubles the step while the energy, `energy` at the full step, keeps decreasing.
+/// Whether the full step, along which the energy changes by `change` from a `slope`, is less than half of that to the minimum of
+/// the parabola through these values: the model is then stiffer than the energy.
+fn is_shallow(change: f64, slope: f64) -> bool {
+    change < SHALLOW * slope
+}
+
+/// Doubles the step `d` from `x` while the energy, `energy` at the full step, keeps decreasing, up to `most`.
 fn extended(
     equations: &Equations<'_>,
-    x: &[Vector],
+    (x, d): (&[Vector], &[f64]),
     motions: &[Motion],
-    d: &[f64],
     mut energy: f64,
     deepest: f64,
+    most: f64,
 ) -> f64 {
     let mut step = 1.0;
-    while step < LONGEST_STEP {
+    while step < most {
         let trial = equations.moved(x, motions, 2.0 * step, d);
         match equations.energy(&trial, motions) {
             Ok(found) if found.energy < energy && found.penetration_mm <= deepest => {
@@ -103,5 +118,19 @@ fn slope_at(equations: &mut Equations<'_>, x: &[Vector], motions: &[Motion], d: 
     match equations.balance(x, motions) {
         Ok(_) => dot(equations.work.residual(), d).abs(),
         Err(_) => f64::INFINITY,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_shallow;
+
+    /// On `c s² - s` the minimum is at `1 / (2 c)`.
+    #[test]
+    fn a_step_is_shallow_when_the_minimum_lies_beyond_twice_its_length() {
+        let shallow = |c: f64| is_shallow(c - 1.0, -1.0);
+        assert!(!shallow(0.5), "the model is exact");
+        assert!(!shallow(0.26) && shallow(0.24));
+        assert!(shallow(0.0) && shallow(-1.0), "no minimum at all");
     }
 }

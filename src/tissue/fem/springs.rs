@@ -313,10 +313,18 @@ pub(super) enum Bend {
     /// All of it: the exact second derivatives.
     #[cfg(test)]
     Whole(Vec<SpringStiffness>),
-    /// As much as leaves each node most of the elements' stiffness, so that the matrix mostly stays positive definite.
+    /// All that stiffens a node, and as much of what softens it as leaves most of the elements' stiffness: the matrix then mostly
+    /// stays positive definite. Without a part that stiffens, nodes would swing about their place.
     Limited(Vec<SpringStiffness>),
     /// Blocks that were computed before.
     Known(SpringBlocks),
+}
+
+/// A symmetric matrix without eigenvalues below `least`.
+fn limited_below(matrix: Matrix3<f64>, least: f64) -> Matrix3<f64> {
+    let mut parts = matrix.symmetric_eigen();
+    parts.eigenvalues.apply(|e| *e = e.max(least));
+    parts.recompose()
 }
 
 /// Adds springs to the diagonal of the elements' stiffness `values`; returns the blocks that were added.
@@ -331,9 +339,7 @@ pub(super) fn add_blocks(
         let least = dofs
             .unknown(p.node)
             .map_or(0.0, |unknown| pattern.diagonal(unknown as usize, values).symmetric_eigenvalues().min().max(0.0));
-        let lowest = s.bend.symmetric_eigenvalues().min();
-        let share = if lowest < 0.0 { (BEND_SHARE * least / -lowest).min(1.0) } else { 1.0 };
-        s.stiff + s.bend * share
+        s.stiff + limited_below(s.bend, -BEND_SHARE * least)
     };
     let blocks = match springs {
         #[cfg(test)]
@@ -351,4 +357,21 @@ pub(super) fn add_blocks(
     }
     pattern.hold(dofs.partly_held(), values);
     blocks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// On a saddle bone stiffens a pulled node in one direction and softens it in the other. Scaled as a whole, the matrix would
+    /// lose the first with the second, and the node would swing about its place (`patient b, rami` of `bench operations`).
+    #[test]
+    fn a_limit_on_what_softens_a_node_keeps_what_stiffens_it() {
+        let turn = nalgebra::Rotation3::from_euler_angles(0.3, -1.1, 2.0);
+        let at = |values: [f64; 3]| {
+            turn.matrix() * Matrix3::from_diagonal(&Vector::from(values)) * turn.matrix().transpose()
+        };
+        let found = limited_below(at([5.0, -100.0, -0.5]), -2.0);
+        assert!((found - at([5.0, -2.0, -0.5])).norm() < 1e-12, "{found}");
+    }
 }

@@ -70,6 +70,14 @@ pub(super) const SLOPE_DECREASE: f64 = 0.9;
 /// Largest multiple of a Newton step. At a saddle of the energy, where a point is about to leave a rim of the bone, the model's
 /// step is far too short.
 pub(super) const LONGEST_STEP: f64 = 1024.0;
+/// Share of the slope below which a change of energy at the full step puts the minimum beyond twice that step. So it is where
+/// gliding tissue turns round an edge of bone: its tangent leaves out most of the curvature that softens it (see [`BEND_SHARE`]).
+pub(super) const SHALLOW: f64 = 0.75;
+/// Largest multiple of such a step. The slow mode is then gone in a few iterations instead of 25 (`patient b, rami` of
+/// `prosopon bench operations`), and what the other modes gain in error stays small.
+pub(super) const LONGEST_SHALLOW_STEP: f64 = 16.0;
+/// Slopes below this multiple of the uncertainty of the energy do not tell how shallow it is.
+pub(super) const LEAST_CERTAIN: f64 = 10.0;
 /// Shortest share of a Newton step.
 pub(super) const SHORTEST_STEP: f64 = 1e-5;
 

@@ -43,6 +43,7 @@ pub(super) fn search(
     let deepest = depth.max(MAX_CONTACT_MOTION_MM);
     let mut step = 1.0;
     let mut inverted = None;
+    let glides = !equations.state.springs.is_empty();
     let uncertain = ENERGY_ROUND_OFF * energy.abs() + equations.problem.limits().energy_noise_mj;
     while step >= SHORTEST_STEP {
         let trial = equations.moved(x, motions, step, d);
@@ -54,7 +55,8 @@ pub(super) fn search(
                 }
                 let most = if unstable {
                     LONGEST_STEP
-                } else if slope.abs() > LEAST_CERTAIN * uncertain && is_shallow(found.energy - energy, slope) {
+                } else if glides && slope.abs() > LEAST_CERTAIN * uncertain && is_shallow(found.energy - energy, slope)
+                {
                     LONGEST_SHALLOW_STEP
                 } else {
                     1.0

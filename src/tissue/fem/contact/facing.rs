@@ -8,7 +8,8 @@
 //!
 //! The Euclidean distance is smooth where a penetrating point crosses a valley between triangles; on a ridge the nearest triangle
 //! changes, where the energy has no minimum. With averaged normals the energy would have neither property, or forces would not
-//! be its gradient.
+//! be its gradient. Where a pressed point slides past the rim of the other side, its force ends at once and the energy jumps; what was
+//! tried against that stands in `tests/bench/RESULTS.md` under "Lips that part".
 
 use super::boxes::{bounds, widened};
 use super::pair::{ContactPair, PairIndex, Target, Terms};

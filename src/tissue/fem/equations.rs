@@ -79,7 +79,7 @@ impl<'a> Equations<'a> {
     /// Computes the stiffness of elements and springs, and their forces, in the workspace.
     pub(super) fn tangent(&mut self, x: &[Vector], motions: &[Motion], curvature: Curvature) -> Result<(), Inversion> {
         let springs = self.state.springs.stiffness_at(x, motions);
-        self.work.tangent(&self.problem, x, curvature, Bend::Limited(springs))?;
+        self.work.tangent(&self.problem, x, curvature, Bend::with(curvature, springs))?;
         self.work.add_springs(&self.problem, self.state.springs.gradients(x, motions));
         Ok(())
     }

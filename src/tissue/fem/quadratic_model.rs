@@ -194,7 +194,7 @@ pub(super) fn predict(
     let mut inverted = None;
     for curvature in [Curvature::Exact, Curvature::Projected] {
         let springs = equations.state.springs.stiffness_at(&target, end);
-        equations.work.tangent(&equations.problem, x, curvature, Bend::Limited(springs))?;
+        equations.work.tangent(&equations.problem, x, curvature, Bend::with(curvature, springs))?;
         let mut record = IterationRecord::default();
         equations.work.prepare(&equations.problem);
         let path = StepPath { length_mm, x: [x, &target], gradients: [&gradients[0], &gradients[1]], motions };

@@ -14,7 +14,7 @@ use points::HeldNormal;
 pub(super) use points::{SpringPoint, points};
 use smooth::Smooth;
 
-use super::assembly::Pattern;
+use super::assembly::{Curvature, Pattern};
 use super::dofs::Dofs;
 use super::error::SolveError;
 use super::flags::flags;
@@ -316,8 +316,20 @@ pub(super) enum Bend {
     /// All that stiffens a node, and as much of what softens it as leaves most of the elements' stiffness: the matrix then mostly
     /// stays positive definite. Without a part that stiffens, nodes would swing about their place.
     Limited(Vec<SpringStiffness>),
+    /// What stiffens a node only: with projected elements the matrix is positive definite.
+    Stiffening(Vec<SpringStiffness>),
     /// Blocks that were computed before.
     Known(SpringBlocks),
+}
+
+impl Bend {
+    /// As much of the curvature as goes with elements of this `curvature`.
+    pub(super) fn with(curvature: Curvature, springs: Vec<SpringStiffness>) -> Self {
+        match curvature {
+            Curvature::Exact => Self::Limited(springs),
+            Curvature::Projected => Self::Stiffening(springs),
+        }
+    }
 }
 
 /// A symmetric matrix without eigenvalues below `least`.
@@ -345,6 +357,9 @@ pub(super) fn add_blocks(
         #[cfg(test)]
         Bend::Whole(springs) => SpringBlocks(springs.iter().map(|s| s.stiff + s.bend).collect()),
         Bend::Limited(springs) => SpringBlocks(points.iter().zip(&springs).map(limited).collect()),
+        Bend::Stiffening(springs) => {
+            SpringBlocks(springs.iter().map(|s| s.stiff + limited_below(s.bend, 0.0)).collect())
+        }
         Bend::Known(blocks) => blocks,
     };
     if blocks.0.is_empty() {
@@ -373,5 +388,16 @@ mod tests {
         };
         let found = limited_below(at([5.0, -100.0, -0.5]), -2.0);
         assert!((found - at([5.0, -2.0, -0.5])).norm() < 1e-12, "{found}");
+    }
+
+    /// Projected elements may have no stiffness left to give: Le Fort III of `bench operations` then had no factor.
+    #[test]
+    fn springs_soften_nothing_when_elements_are_projected() {
+        let bend = Matrix3::from_diagonal(&Vector::new(3.0, -2.0, 0.5));
+        let springs = || vec![SpringStiffness { stiff: Matrix3::zeros(), bend }];
+        assert!(matches!(Bend::with(Curvature::Exact, springs()), Bend::Limited(_)));
+        let Bend::Stiffening(kept) = Bend::with(Curvature::Projected, springs()) else { panic!("softens") };
+        assert_eq!(kept.len(), 1);
+        assert!((limited_below(bend, 0.0) - Matrix3::from_diagonal(&Vector::new(3.0, 0.0, 0.5))).norm() < 1e-12);
     }
 }

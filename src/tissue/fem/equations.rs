@@ -1,6 +1,8 @@
 //! Energy, balance of forces and reactions at one state of the tissue.
 
-use super::assembly::{Curvature, Inversion};
+#[cfg(test)]
+use super::assembly::Curvature;
+use super::assembly::Inversion;
 use super::axes::axes_in;
 #[cfg(test)]
 use super::contact::Curved;
@@ -8,7 +10,9 @@ use super::contact::{ContactPair, penetration};
 use super::dofs::Condition;
 use super::linear_solve::LinearSolver;
 use super::problem::Problem;
+#[cfg(test)]
 use super::springs::Bend;
+use super::springs::TangentKind;
 use super::state::PathState;
 use super::tuning::NEAR_MM;
 use super::workspace::Workspace;
@@ -77,9 +81,9 @@ impl<'a> Equations<'a> {
     }
 
     /// Computes the stiffness of elements and springs, and their forces, in the workspace.
-    pub(super) fn tangent(&mut self, x: &[Vector], motions: &[Motion], curvature: Curvature) -> Result<(), Inversion> {
+    pub(super) fn tangent(&mut self, x: &[Vector], motions: &[Motion], kind: TangentKind) -> Result<(), Inversion> {
         let springs = self.state.springs.stiffness_at(x, motions);
-        self.work.tangent(&self.problem, x, curvature, Bend::with(curvature, springs))?;
+        self.work.tangent(&self.problem, x, kind.elements(), kind.springs(springs))?;
         self.work.add_springs(&self.problem, self.state.springs.gradients(x, motions));
         Ok(())
     }

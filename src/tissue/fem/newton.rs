@@ -1,6 +1,5 @@
 //! Newton's method on the total potential energy at fixed positions of the bones.
 
-use super::assembly::Curvature;
 use super::contact::{ContactPair, penetration, tested_penetration};
 use super::dot::dot;
 use super::equations::{Balance, Equations};
@@ -9,6 +8,7 @@ use super::line_search::{self, NoStep, Start};
 use super::problem::Limits;
 use super::quadratic_model::{CurvatureTerms, Goal, minimise_model};
 use super::report::IterationRecord;
+use super::springs::TangentKind;
 use super::state::Purpose;
 use super::tuning::{
     COARSE_DISPLACEMENT, COARSE_RESIDUAL, CONDENSED_ITERATIONS, CONDENSED_MAX_RATIO, DISPLACEMENT_TOLERANCE,
@@ -48,7 +48,7 @@ struct ResidualTest {
 /// What the next quadratic model includes, as the last iterations suggest.
 #[derive(Debug, Clone, Copy)]
 struct ModelChoice {
-    curvature: Curvature,
+    kind: TangentKind,
     terms: CurvatureTerms,
     /// Iterations left without the curvature of contact.
     wait: usize,
@@ -176,8 +176,8 @@ fn newton(
             }
             Err(no_step) => {
                 equations.state.records.push(record);
-                if choice.curvature == Curvature::Exact && !limits.linear {
-                    choice.curvature = Curvature::Projected;
+                if let Some(safer) = choice.kind.safer().filter(|_| !limits.linear) {
+                    choice.kind = safer;
                     equations.work.solver_mut().refresh();
                     continue;
                 }
@@ -205,14 +205,14 @@ impl ModelChoice {
     /// The choice before the first iteration.
     fn first() -> Self {
         let terms = CurvatureTerms { after_condensed: true, ..CurvatureTerms::default() };
-        Self { curvature: Curvature::Exact, terms, wait: 0, moved_mm: f64::INFINITY }
+        Self { kind: TangentKind::Exact, terms, wait: 0, moved_mm: f64::INFINITY }
     }
 
     /// The choice after the share `step` of a Newton step has been taken.
     fn update(&mut self, step: f64, record: &IterationRecord) {
         self.moved_mm = record.displacement_mm;
         // A short step shows that the quadratic model was poor.
-        self.curvature = if step < POOR_STEP { Curvature::Projected } else { Curvature::Exact };
+        self.kind = if step < POOR_STEP { TangentKind::Projected } else { TangentKind::Exact };
         self.wait = if record.unstable { ITERATIONS_WITHOUT_CURVATURE } else { self.wait.saturating_sub(1) };
         self.terms.after_condensed = self.wait == 0;
         self.terms.share = match record.displacement_mm {
@@ -310,7 +310,7 @@ fn no_step_failure(
     }
 }
 
-/// A descent direction: the Newton step with the requested tangent, or with the projected one when that tangent is not positive
+/// A descent direction: the Newton step with the requested tangent, or with a safer one when that tangent is not positive
 /// definite. Multipliers may grow meanwhile, so the balance at `x` is returned with the updated ones.
 fn direction(
     equations: &mut Equations<'_>,
@@ -324,9 +324,9 @@ fn direction(
     let linear = equations.problem.limits().linear;
     let mut assembled = None;
     loop {
-        if assembled != Some(choice.curvature) {
-            equations.tangent(x, motions, choice.curvature)?;
-            assembled = Some(choice.curvature);
+        if assembled != Some(choice.kind) {
+            equations.tangent(x, motions, choice.kind)?;
+            assembled = Some(choice.kind);
         }
         let mut load = equations.work.forces().to_vec();
         equations.subtract_loads(&mut load);
@@ -336,21 +336,21 @@ fn direction(
             balance = equations.balance_of(balance.elastic, x, motions);
         }
         if let Ok(d) = found {
-            record.projected = choice.curvature == Curvature::Projected;
+            record.projected = choice.kind != TangentKind::Exact;
             if dot(&d, equations.work.residual()) < 0.0 {
                 return Ok(Direction { d, balance });
             }
         }
-        // A projected tangent is positive definite: when its factorisation fails, the precision was too low.
         if choice.terms.used {
             choice.terms = CurvatureTerms::default();
             record.unstable = true;
             continue;
         }
         let solver = equations.work.solver_mut();
-        if choice.curvature == Curvature::Exact && !linear {
-            choice.curvature = Curvature::Projected;
+        if let Some(safer) = choice.kind.safer().filter(|_| !linear) {
+            choice.kind = safer;
             record.unstable = true;
+            // The last kind is positive definite: when its factorisation fails, the precision was too low.
         } else if solver.is_double() {
             return Err(Failure::Indefinite);
         } else {

@@ -1,6 +1,5 @@
 //! The quadratic model of the energy with unilateral contact: the Newton step and the linear prediction of a load step.
 
-use super::assembly::Curvature;
 use super::condensed::{CondensedContact, StepPath, solve_condensed, track_contact};
 use super::contact::{ContactPair, Curved};
 use super::dot::dot;
@@ -8,7 +7,7 @@ use super::equations::Equations;
 use super::factor::Indefinite;
 use super::failure::Failure;
 use super::report::IterationRecord;
-use super::springs::Bend;
+use super::springs::TangentKind;
 use super::tuning::{
     DOUBTFUL_MM, FORCING_OF_PREDICTION, INVERSION_MARGIN, MAX_ACTIVE_SETS, MAX_CONTACT_MOTION_MM, NEGLIGIBLE_CHANGES,
     TRUSTED_MM,
@@ -192,9 +191,9 @@ pub(super) fn predict(
     let kept = equations.state.contact_forces.clone();
     let end = end.as_slice();
     let mut inverted = None;
-    for curvature in [Curvature::Exact, Curvature::Projected] {
+    for kind in [TangentKind::Exact, TangentKind::PositiveDefinite] {
         let springs = equations.state.springs.stiffness_at(&target, end);
-        equations.work.tangent(&equations.problem, x, curvature, Bend::with(curvature, springs))?;
+        equations.work.tangent(&equations.problem, x, kind.elements(), kind.springs(springs))?;
         let mut record = IterationRecord::default();
         equations.work.prepare(&equations.problem);
         let path = StepPath { length_mm, x: [x, &target], gradients: [&gradients[0], &gradients[1]], motions };

@@ -322,12 +322,38 @@ pub(super) enum Bend {
     Known(SpringBlocks),
 }
 
-impl Bend {
-    /// As much of the curvature as goes with elements of this `curvature`.
-    pub(super) fn with(curvature: Curvature, springs: Vec<SpringStiffness>) -> Self {
-        match curvature {
-            Curvature::Exact => Self::Limited(springs),
-            Curvature::Projected => Self::Stiffening(springs),
+/// Kinds of tangent, from the most exact to the one that is always positive definite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum TangentKind {
+    /// Exact second derivatives of the elements; springs soften them only so far ([`Bend::Limited`]).
+    Exact,
+    /// Projected elements, springs as above.
+    Projected,
+    /// Projected elements and springs that only stiffen.
+    PositiveDefinite,
+}
+
+impl TangentKind {
+    /// The kind to try where this one is not positive definite.
+    pub(super) fn safer(self) -> Option<Self> {
+        match self {
+            Self::Exact => Some(Self::Projected),
+            Self::Projected => Some(Self::PositiveDefinite),
+            Self::PositiveDefinite => None,
+        }
+    }
+
+    pub(super) fn elements(self) -> Curvature {
+        match self {
+            Self::Exact => Curvature::Exact,
+            Self::Projected | Self::PositiveDefinite => Curvature::Projected,
+        }
+    }
+
+    pub(super) fn springs(self, stiffness: Vec<SpringStiffness>) -> Bend {
+        match self {
+            Self::Exact | Self::Projected => Bend::Limited(stiffness),
+            Self::PositiveDefinite => Bend::Stiffening(stiffness),
         }
     }
 }
@@ -392,12 +418,14 @@ mod tests {
 
     /// Projected elements may have no stiffness left to give: Le Fort III of `bench operations` then had no factor.
     #[test]
-    fn springs_soften_nothing_when_elements_are_projected() {
+    fn the_last_kind_of_tangent_softens_nothing() {
         let bend = Matrix3::from_diagonal(&Vector::new(3.0, -2.0, 0.5));
-        let springs = || vec![SpringStiffness { stiff: Matrix3::zeros(), bend }];
-        assert!(matches!(Bend::with(Curvature::Exact, springs()), Bend::Limited(_)));
-        let Bend::Stiffening(kept) = Bend::with(Curvature::Projected, springs()) else { panic!("softens") };
-        assert_eq!(kept.len(), 1);
+        let kinds: Vec<_> = std::iter::successors(Some(TangentKind::Exact), |kind| kind.safer()).collect();
+        assert_eq!(kinds.len(), 3);
+        let last = kinds[2];
+        assert_eq!(last.elements(), Curvature::Projected);
+        let springs = vec![SpringStiffness { stiff: Matrix3::zeros(), bend }];
+        assert!(matches!(last.springs(springs), Bend::Stiffening(kept) if kept.len() == 1));
         assert!((limited_below(bend, 0.0) - Matrix3::from_diagonal(&Vector::new(3.0, 0.0, 0.5))).norm() < 1e-12);
     }
 }

@@ -135,6 +135,7 @@ struct Released {
     stripped: usize,
     seam: usize,
     inner: usize,
+    globes: usize,
 }
 
 /// Sets the attachment of the mesh's nodes for one osteotomy; `moving` are the segments that the plan moves. `arch` is used where
@@ -154,15 +155,20 @@ pub(super) fn attach(
     let gap = rules.tie_gap_mm.unwrap_or(TIE_GAP_MM);
     let touching: Vec<usize> =
         (0..mesh.positions.len()).filter(|n| mesh.attachment[*n] == Attachment::Sliding).collect();
-    let found: Vec<Option<(u32, InZones)>> = (touching.par_iter())
+    let found: Vec<Option<(u32, Option<InZones>)>> = (touching.par_iter())
         .map(|node| {
             let p = &mesh.positions[*node];
             let (distance, own) = near.nearest(p)?;
-            (distance <= gap).then(|| (own, zones.of(p, own)))
+            (distance <= gap).then(|| (own, (!bone.is_at_globe(p)).then(|| zones.of(p, own))))
         })
         .collect();
     for (node, found) in touching.into_iter().zip(found) {
         let Some((own, at)) = found else { continue };
+        let Some(at) = at else {
+            released.globes += 1;
+            mesh.attachment[node] = Attachment::Gliding(own);
+            continue;
+        };
         let is_seam = zones.has_saw_lines() && at.to_line_mm < SEAM_MM;
         let (class, share) = if is_seam && rules.stripped_mm != Some(0.0) {
             released.seam += 1;
@@ -238,6 +244,7 @@ impl Released {
                 format!("within {stripped_mm} mm of a saw line, where periosteum is stripped, {}", how(rules.stripped)),
             ),
             (self.seam, "saw-line-nodes", format!("within {SEAM_MM} mm of a saw line {}", how(rules.saw_line))),
+            (self.globes, "globe-nodes", "at the globes of the eyes glide on them".to_owned()),
             (
                 self.inner,
                 "inner-cut-nodes",

@@ -3,11 +3,12 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::SimulateError;
-use super::tuning::CONTACT_SPACING;
-use crate::plan::{Cut, Osteotomy, cut};
+use super::globes::{Globe, WithGlobes};
+use super::tuning::{CONTACT_SPACING, ORBITS_ABOVE_TEETH_MM};
+use crate::plan::{Cut, Osteotomy, Segment, cut};
 use prosopon_field::{Envelope, MethodSettings, SignedField};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Aabb, Implicit};
+use prosopon_geometry::{Aabb, Implicit, Point};
 use prosopon_tissue::fem::ContactBody;
 
 /// Bone cut into segments, each with a distance field in its rest frame.
@@ -17,14 +18,44 @@ pub struct CutBone {
     pub osteotomy: Arc<Osteotomy>,
     /// Field of each segment, in the order of the osteotomy's segments.
     pub fields: Vec<Arc<SignedField>>,
+    /// The skull with the globes, where there are some.
+    skull_with_globes: Option<WithGlobes<Arc<SignedField>>>,
 }
 
 impl CutBone {
-    /// The segments as solids for ties and contact.
+    /// Segments with a field each, in their order.
+    #[must_use]
+    pub fn new(osteotomy: Arc<Osteotomy>, fields: Vec<Arc<SignedField>>) -> Self {
+        Self { osteotomy, fields, skull_with_globes: None }
+    }
+
+    /// The same bone with globes that stay with the skull.
+    #[must_use]
+    pub fn with_globes(&self, globes: &[Globe]) -> Self {
+        let skull = self.osteotomy.segments.iter().zip(&self.fields).find(|(segment, _)| segment.id == 0);
+        let skull_with_globes = skull
+            .filter(|_| !globes.is_empty())
+            .map(|(_, field)| WithGlobes { solid: Arc::clone(field), globes: globes.to_vec() });
+        Self { osteotomy: Arc::clone(&self.osteotomy), fields: self.fields.clone(), skull_with_globes }
+    }
+
+    /// Whether `p` lies nearer to a globe than to the skull.
+    pub(super) fn is_at_globe(&self, p: &Point) -> bool {
+        self.skull_with_globes.as_ref().is_some_and(|skull| skull.is_globe_nearest(p))
+    }
+
+    /// The segments as solids for ties and contact; the skull includes the globes.
     #[must_use]
     pub fn bodies(&self) -> Vec<ContactBody<'_>> {
-        let segments = self.osteotomy.segments.iter();
-        segments.zip(&self.fields).map(|(s, f)| ContactBody { segment: s.id, solid: f.as_ref() }).collect()
+        let segments = self.osteotomy.segments.iter().zip(&self.fields);
+        segments.map(|(s, f)| ContactBody { segment: s.id, solid: self.solid(s, f) }).collect()
+    }
+
+    fn solid<'a>(&'a self, segment: &Segment, field: &'a Arc<SignedField>) -> &'a dyn Implicit {
+        match &self.skull_with_globes {
+            Some(skull) if segment.id == 0 => skull,
+            Some(_) | None => field.as_ref(),
+        }
     }
 
     /// Each segment's number and solid.
@@ -37,6 +68,17 @@ impl CutBone {
     #[must_use]
     pub fn movable_bounds(&self) -> Option<Aabb> {
         Aabb::of(self.osteotomy.segments.iter().filter(|s| s.id != 0).flat_map(|s| s.surface.positions()))
+    }
+
+    /// Boxes around each segment that can move and may reach an orbit; all that can move where the teeth are not known.
+    pub(super) fn boxes_near_orbits(&self) -> Vec<Aabb> {
+        let movable = self.osteotomy.segments.iter().filter(|s| s.id != 0);
+        let boxes = movable.filter_map(|s| Aabb::of(s.surface.positions()));
+        let is_high = |part: &Aabb| {
+            let top = Point::new(part.center().x, part.center().y, part.max.z);
+            self.osteotomy.arch.as_ref().is_none_or(|arch| arch.height(&top) > ORBITS_ABOVE_TEETH_MM)
+        };
+        boxes.filter(is_high).collect()
     }
 }
 
@@ -72,5 +114,5 @@ pub fn segment_fields(
         .map(|s| Ok(Arc::new(SignedField::build_only(&s.surface, &settings, &unseen)?.0)))
         .collect::<Result<_, SimulateError>>()?;
     control.report(1.0);
-    Ok(CutBone { osteotomy: Arc::clone(osteotomy), fields })
+    Ok(CutBone::new(Arc::clone(osteotomy), fields))
 }

@@ -7,6 +7,7 @@ mod bone;
 mod cartilage;
 mod error;
 mod fields;
+mod globes;
 mod mouth;
 mod outer_surface;
 mod reach;
@@ -21,13 +22,14 @@ pub use attach::{Attached, AttachmentRules, Beyond, NodeClass, Paint, SkullPaint
 pub use bone::{CutBone, cut_bone, segment_fields};
 pub use error::SimulateError;
 pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_around};
+pub use globes::Globe;
 pub use mouth::Mouth;
 pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;
 pub use ready_mesh::{CellIndex, READY_MESH_LOCKING, ReadyMesh, ReadyMeshError};
 pub use run::{
-    Frame, LEAVE_OUT_BELOW_MM, LeftOut, OnFrame, Outcome, PathCheckpoint, PathStart, PreparedTissue, RegionMotion,
-    RunSettings, solve, solve_prepared,
+    Frame, HEAD_LOCKING, LEAVE_OUT_BELOW_MM, LeftOut, OnFrame, Outcome, PathCheckpoint, PathStart, PreparedTissue,
+    RegionMotion, RunSettings, solve, solve_prepared,
 };
 pub use scene::{OnStep, Scene, SceneOutcome};
 pub use tissue::{TissueModel, TissueSettings, build_tissue, region_warning};

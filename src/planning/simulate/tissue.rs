@@ -1,4 +1,5 @@
 use super::cartilage::place_cartilage;
+use super::globes::{Globe, WithGlobes, not_placed, place_globes, placed};
 use super::mouth::{Face, Mouth, find, not_parted};
 use super::tuning::{BEHIND_BACK_MM, BEHIND_FRONT_MM, EMBED_REACH_MM, MOUTH_ROOM_MM, REGION_REACH_MM, REGION_SLACK_MM};
 use super::{Anatomy, CutBone, Fields, SimulateError};
@@ -11,7 +12,7 @@ use prosopon_tissue::mesh::{
 };
 
 /// Settings of [`build_tissue`].
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TissueSettings {
     /// Edge lengths and layers of the mesh.
     pub mesh: MeshSettings,
@@ -25,6 +26,21 @@ pub struct TissueSettings {
     ///
     /// Off by default: the alae that it places turn the tip up further (see the tests of `cartilage.rs`).
     pub cartilage: bool,
+    /// Places the globes of the eyes where moving bone reaches them: fixed bodies over which tissue glides.
+    pub globes: bool,
+}
+
+impl Default for TissueSettings {
+    fn default() -> Self {
+        Self {
+            mesh: MeshSettings::default(),
+            region: None,
+            tissue_by_depth: false,
+            mouth: Mouth::default(),
+            cartilage: false,
+            globes: true,
+        }
+    }
 }
 
 /// The tissue of one face at rest.
@@ -40,6 +56,8 @@ pub struct TissueModel {
     pub arch: Option<DentalArch>,
     /// The oral slit; `None` where the lips are joined.
     pub slit: Option<Slit>,
+    /// The globes of the eyes; none where no moving bone reaches them.
+    pub globes: Vec<Globe>,
     /// The user's skin with its triangles cut along the slit; `None` where the lips are joined.
     pub parted: Option<PartedSkin>,
 }
@@ -69,9 +87,20 @@ pub fn build_tissue(
 ) -> Result<TissueModel, SimulateError> {
     let bounds = settings.region.unwrap_or_else(|| scene_box(anatomy, bone));
     let region = Region { bounds, half_spaces: Vec::new() };
+    let needs_arch = bone.is_none_or(|b| b.osteotomy.arch.is_none());
+    let near_orbits = bone.filter(|_| settings.globes).map(CutBone::boxes_near_orbits).unwrap_or_default();
+    let needs_proposal = needs_arch || settings.cartilage || !near_orbits.is_empty();
+    let proposal = needs_proposal.then(|| propose(&anatomy.skin, &anatomy.skull));
+    let (globes, no_globes) = match &proposal {
+        Some(proposal) if !near_orbits.is_empty() => {
+            place_globes(anatomy, proposal, &near_orbits, &fields.skin, &fields.bone_field)
+        }
+        Some(_) | None => Default::default(),
+    };
+    let bone_and_globes = WithGlobes { solid: &fields.bone_field, globes };
     let domain = Domain {
         skin: &fields.skin,
-        bone: &fields.bone_field,
+        bone: &bone_and_globes,
         air: fields.air.as_ref().map(|a| a as &dyn Implicit),
         soft_tissue: anatomy.soft_tissue.as_ref().filter(|_| !settings.tissue_by_depth),
         region: &region,
@@ -86,10 +115,18 @@ pub fn build_tissue(
             found = vec![not_parted(&format!("the mesh along the slit failed: {error}"))];
             (build_parted(&domain, None, &settings.mesh, &part)?, None)
         }
+        (Err(error @ MeshError::Inverted { .. }), None) if !bone_and_globes.globes.is_empty() => {
+            let without = TissueSettings { globes: false, ..settings.clone() };
+            let mut tissue = build_tissue(anatomy, fields, bone, &without, control)?;
+            tissue.report.warnings.push(not_placed(&format!("the mesh around them failed: {error}")));
+            return Ok(tissue);
+        }
         (built, slit) => (built?, slit),
     };
     let (mut mesh, mut report) = built;
+    report.warnings.extend(placed(&bone_and_globes.globes));
     report.warnings.extend(found);
+    report.warnings.extend(no_globes);
     let parted = slit.as_ref().and_then(|slit| part_skin(&anatomy.skin, slit));
     let embedding = match (&parted, &slit) {
         (Some(parted), Some(slit)) => embed_parted(parted, &mesh, slit, EMBED_REACH_MM),
@@ -101,15 +138,13 @@ pub fn build_tissue(
         report.warnings.push(Warning::info("mouth-skin-cut", message));
     }
     control.report(1.0);
-    let needs_arch = bone.is_none_or(|b| b.osteotomy.arch.is_none());
-    let proposal = (needs_arch || settings.cartilage).then(|| propose(&anatomy.skin, &anatomy.skull));
     let arch = proposal.as_ref().filter(|_| needs_arch).and_then(|p| DentalArch::proposed(&anatomy.skull, p));
     if let Some(proposal) = proposal.filter(|_| settings.cartilage) {
         let placed = place_cartilage(&mut mesh, anatomy, &proposal, &fields.skin, &settings.mesh);
         report.cartilage = placed.tetrahedra;
         report.warnings.extend(placed.warning);
     }
-    Ok(TissueModel { mesh, report, embedding, arch, slit, parted })
+    Ok(TissueModel { mesh, report, embedding, arch, slit, globes: bone_and_globes.globes, parted })
 }
 
 /// The slit, unless it leaves the region of the mesh.

@@ -58,6 +58,30 @@ pub(super) const APERTURE_MM: f64 = 12.0;
 /// Least cosine between the normal of the septum and the head's x axis: beyond 25 degrees the landmarks cannot be right.
 pub(super) const MIDPLANE_COSINE: f64 = 0.9;
 
+// Globes.
+
+/// Radius of a globe, mm: emmetropic eyes are 24 mm wide and long (Bekerman et al., J Ophthalmol 2014, 503645).
+pub(super) const GLOBE_RADIUS_MM: f64 = 12.0;
+/// Distance of its centre medially from the lateral rim at the frontozygomatic suture, mm: the rims are 97 mm apart, the pupils
+/// 62 mm. It lies no farther back: a cornea stands 16 mm in front of the lateral rim, which at its height lies some
+/// 4 mm behind the suture (Migliori and Gladstone, Am J Ophthalmol 98, 1984).
+pub(super) const GLOBE_FROM_RIM_MM: f64 = 17.5;
+/// Its height above the orbit's lowest point, as a share of that of the suture: half of an orbit of 35 mm against three quarters.
+pub(super) const GLOBE_HEIGHT_SHARE: f64 = 0.67;
+/// Least thickness of a closed lid, mm.
+pub(super) const LID_MM: f64 = 3.0;
+/// A globe is moved back below its lid by at most this, mm; beyond that the landmarks cannot be right.
+pub(super) const MAX_SUNK_MM: f64 = 8.0;
+/// Depth of bone inside a globe that is believed, mm: landmarks and thin walls of orbits are not known better.
+pub(super) const GLOBE_BONE_MM: f64 = 4.0;
+/// Least height of the lateral rim above the lowest point of the orbit that is believed, and the greatest distance upwards and
+/// aside, mm.
+pub(super) const LATERAL_RIM_MM: [f64; 2] = [12.0, 45.0];
+/// Height of the orbits' lowest points above the occlusal plane, mm, rather less than usual.
+pub(super) const ORBITS_ABOVE_TEETH_MM: f64 = 40.0;
+/// The same above the anterior nasal spine, mm.
+pub(super) const ORBITS_ABOVE_ANS_MM: f64 = 25.0;
+
 // Attachment.
 
 /// Gap at rest below which nodes are tied by default, mm.

@@ -90,6 +90,10 @@ pub struct MeshRequest {
     /// Whether the nose has cartilage, placed by its landmarks; false by default.
     #[serde(skip_serializing_if = "is_false")]
     pub cartilage: bool,
+    /// Whether the globes of the eyes stay where moving bone reaches them, placed by the landmarks `orbitale_*` and
+    /// `frontomalare_*`; true by default.
+    #[serde(skip_serializing_if = "is_true")]
+    pub globes: bool,
     /// Id of the osteotomy whose segments will move.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub osteotomy: Option<Uuid>,
@@ -97,6 +101,10 @@ pub struct MeshRequest {
 
 fn is_false(value: &bool) -> bool {
     !value
+}
+
+fn is_true(value: &bool) -> bool {
+    *value
 }
 
 impl Default for MeshRequest {
@@ -110,6 +118,7 @@ impl Default for MeshRequest {
             tissue_by_depth: false,
             mouth: MouthDocument::Glued,
             cartilage: false,
+            globes: true,
             osteotomy: None,
         }
     }
@@ -149,6 +158,7 @@ impl From<&MeshRequest> for TissueSettings {
             tissue_by_depth: r.tissue_by_depth,
             mouth: (&r.mouth).into(),
             cartilage: r.cartilage,
+            globes: r.globes,
         }
     }
 }

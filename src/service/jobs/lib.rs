@@ -37,9 +37,7 @@ pub use cpu_pool::{CpuPool, Panicked};
 pub use feed::EventFeed;
 pub use frame::SkinFrame;
 pub use order::Order;
-pub use requests::{
-    CompareTask, EarlierSolve, FieldTask, HEAD_LOCKING, ImportRequest, MeshChoice, MeshTask, SceneTask, SolveTask,
-};
+pub use requests::{CompareTask, EarlierSolve, FieldTask, ImportRequest, MeshChoice, MeshTask, SceneTask, SolveTask};
 pub use service::Service;
 pub use settings::ServiceSettings;
 pub use state::{Illegal, JobEvent, next};

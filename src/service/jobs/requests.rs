@@ -8,17 +8,10 @@ use prosopon_contract::{
 };
 use prosopon_geometry::TriMesh;
 use prosopon_planning::plan::PlanError;
-use prosopon_planning::simulate::RunSettings;
+use prosopon_planning::simulate::{HEAD_LOCKING, RunSettings};
 use prosopon_planning::surface::CtSettings;
 use prosopon_session::Earlier;
 use prosopon_store::{JobId, JobRecord, OsteotomyId};
-use prosopon_tissue::fem::Locking;
-
-/// Treatment of locking on heads when a request names none.
-///
-/// Patches halve the numerical error there (phantom: P95 0.25 to 0.15 mm) at two to four times the time, and plans for the lower
-/// jaw run out of time with them (`prosopon bench operations`). On patients the formulation moves the lower face by 0.03 mm.
-pub const HEAD_LOCKING: Locking = Locking::None;
 
 /// Request of an import: skin, skull, air and soft tissue from a CT.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

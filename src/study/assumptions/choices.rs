@@ -1,7 +1,7 @@
 //! The modelling choices that the study changes.
 
 use prosopon_planning::simulate::{
-    AttachmentRules, Beyond, LEAVE_OUT_BELOW_MM, Mouth, NodeClass, RunSettings, TissueSettings,
+    AttachmentRules, Beyond, HEAD_LOCKING, LEAVE_OUT_BELOW_MM, Mouth, NodeClass, RunSettings, TissueSettings,
 };
 use prosopon_tissue::fem::material::{Material, Materials};
 use prosopon_tissue::fem::{Locking, Model, Preset, SolveSettings};
@@ -22,7 +22,10 @@ impl Choices {
     /// The defaults of the service.
     pub(super) fn usual(steps: usize) -> Self {
         let run = RunSettings {
-            solver: SolveSettings::new(Model::Mixed, Preset::Wang2009Stable.materials()),
+            solver: SolveSettings {
+                locking: HEAD_LOCKING,
+                ..SolveSettings::new(Model::Nonlinear, Preset::Wang2009Stable.materials())
+            },
             steps,
             attachment: Some(AttachmentRules::default()),
             leave_out_below_mm: LEAVE_OUT_BELOW_MM,
@@ -76,9 +79,9 @@ pub(super) fn choices() -> Vec<Choice> {
             c.run.solver.materials.skin = changed(c.run.solver.materials.skin, 0.5, None);
         }),
         choice("Poisson ratio: 0.40", |c| c.materials(|m| changed(m, 1.0, Some(0.40)))),
-        choice("Poisson ratio: 0.49, smoothed", |c| {
+        choice("Poisson ratio: 0.49, patched", |c| {
             c.materials(|m| changed(m, 1.0, Some(0.49)));
-            c.run.solver.locking = Locking::Smoothed;
+            c.run.solver.locking = Locking::Patched;
         }),
         choice("skin layer: 1 mm", |c| c.tissue.mesh.skin_thickness_mm = 1.0),
         choice("skin layer: 2.5 mm", |c| c.tissue.mesh.skin_thickness_mm = 2.5),
@@ -87,13 +90,15 @@ pub(super) fn choices() -> Vec<Choice> {
             c.tissue.cartilage = true;
             c.run.solver.materials.cartilage = changed(c.run.solver.materials.cartilage, 3.0, None);
         }),
+        choice("eyes: move with tissue", |c| c.tissue.globes = false),
         choice("tissue by depth", |c| c.tissue.tissue_by_depth = true),
         choice("model: linear", |c| {
             c.run.solver = SolveSettings::new(Model::Linear, c.run.solver.materials);
         }),
-        choice("model: nonlinear", |c| {
-            c.run.solver = SolveSettings::new(Model::Nonlinear, c.run.solver.materials);
+        choice("model: mixed", |c| {
+            c.run.solver = SolveSettings::new(Model::Mixed, c.run.solver.materials);
         }),
+        choice("elements: patched", |c| c.run.solver.locking = Locking::Patched),
         choice("elements: smoothed", |c| c.run.solver.locking = Locking::Smoothed),
         choice("edge: 3 mm", |c| c.tissue.mesh.edge_mm = 3.0),
         choice("edge: 5 mm", |c| c.tissue.mesh.edge_mm = 5.0),

@@ -39,7 +39,7 @@ fn jaws(cut: Cut, arch: Option<DentalArch>) -> CutBone {
     let fields = segments.iter().map(field).collect();
     let osteotomy =
         Osteotomy { cuts: vec![cut], segments, bone_mm3: 0.0, dropped_mm3: 0.0, warnings: Vec::new(), arch };
-    CutBone { osteotomy: Arc::new(osteotomy), fields }
+    CutBone::new(Arc::new(osteotomy), fields)
 }
 
 fn plane() -> Cut {

@@ -47,14 +47,13 @@ impl<'a> Zones<'a> {
     ) -> Self {
         let osteotomy = &bone.osteotomy;
         let moves = |s: &Segment| moving.contains(&s.id);
-        let solids = bone.solids();
         let mut lines = Vec::new();
         for (i, a) in osteotomy.segments.iter().enumerate() {
-            for (b, (_, solid)) in osteotomy.segments.iter().zip(&solids).skip(i + 1) {
+            for (b, field) in osteotomy.segments.iter().zip(&bone.fields).skip(i + 1) {
                 if !(moves(a) || moves(b)) || !osteotomy.is_sawn_between(a, b) {
                     continue;
                 }
-                let points = saw_line(a, *solid, kerf_between(osteotomy, a, b));
+                let points = saw_line(a, field.as_ref(), kerf_between(osteotomy, a, b));
                 let is_upper = |s: &Segment| moves(s) && arch.and_then(|arch| arch.teeth_of(s)) == Some(Teeth::Upper);
                 let above =
                     if !moves(a) && is_upper(b) { Some(a.id) } else { (!moves(b) && is_upper(a)).then_some(b.id) };

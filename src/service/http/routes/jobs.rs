@@ -20,8 +20,8 @@ use crate::http::{AppState, Problem};
 use prosopon_contract::{
     CutDocument, Fault, FaultKind, SessionSettings, SolveRequest, TissueDocument, from_json, short_number,
 };
-use prosopon_jobs::{HEAD_LOCKING, Order, SceneTask, SolveTask};
-use prosopon_planning::simulate::READY_MESH_LOCKING;
+use prosopon_jobs::{Order, SceneTask, SolveTask};
+use prosopon_planning::simulate::{HEAD_LOCKING, READY_MESH_LOCKING};
 use prosopon_session::SessionParts;
 use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, PlanRecord, SessionId};
 

@@ -69,8 +69,8 @@ struct Row {
     hard: &'static str,
     /// The value for the point of skin that was there at rest, or why there is none.
     followed: Result<f64, String>,
-    /// The value for the point that is found again on the deformed profile, as studies do on their second picture. This one is
-    /// compared with the published range.
+    /// The value for the point that is found again on the deformed profile, as studies do on their second picture; `None` where
+    /// another point was taken for it.
     again: Option<f64>,
     /// Movement of the soft point forward, down and to the left, mm.
     moved_mm: [f64; 3],
@@ -78,9 +78,14 @@ struct Row {
 }
 
 impl Row {
+    /// The value that is compared with the published range: of the point found again, or else of the point of skin.
+    fn judged(&self) -> Option<f64> {
+        self.again.or_else(|| self.followed.as_ref().ok().copied())
+    }
+
     /// Where the value lies relative to the published range.
     fn verdict(&self) -> &'static str {
-        match (self.again, self.published) {
+        match (self.judged(), self.published) {
             (Some(v), Some([low, _])) if v < low => "below",
             (Some(v), Some([_, high])) if v > high => "above",
             (Some(_), Some(_)) => "within",
@@ -155,27 +160,43 @@ impl RatioStudy<'_> {
             bones: &bones,
         };
         let clinical = clinical(&input, &Control::new()).map_err(|error| error.to_string())?;
-        Ok(Found { again: found_again(&input)?, clinical })
+        Ok(Found { again: found_again(&input, &clinical.soft)?, clinical })
     }
 }
+
+/// A point found on a profile is taken for the point of skin within this distance, mm: twice the accuracy of soft landmarks.
+const SAME_POINT_MM: f64 = 3.0;
 
 /// What is measured after one operation.
 struct Found {
     clinical: Clinical,
-    /// Movement of each soft point between its places on the two profiles, each found without knowledge of the other.
+    /// Movement of soft points between their places on the two profiles, each found without knowledge of the other.
     again: BTreeMap<&'static str, Vector>,
 }
 
 /// Finds the soft points on the profile at rest and once more on the deformed one, as studies do on two pictures.
-fn found_again(input: &ClinicalInput<'_>) -> Result<BTreeMap<&'static str, Vector>, String> {
+///
+/// Points that lie far from the point of skin `of_skin` on either profile are left out: they are others, such as the nose for
+/// the lip on a skin with gaps.
+fn found_again(input: &ClinicalInput<'_>, of_skin: &[NamedPoint]) -> Result<BTreeMap<&'static str, Vector>, String> {
     let nothing = BTreeMap::new();
     let places = |skin| {
         let alone = ClinicalInput { rest: skin, moved: skin, given: &[], proposed: &nothing, bones: &[], ..*input };
         clinical(&alone, &Control::new()).map(|found| found.soft).map_err(|error| error.to_string())
     };
     let (before, after) = (places(input.rest)?, places(input.moved)?);
-    let moved = |p: &NamedPoint| Some((p.name, after.iter().find(|q| q.name == p.name)?.rest - p.rest));
-    Ok(before.iter().filter_map(moved).collect())
+    Ok(movements(of_skin, &before, &after))
+}
+
+/// Movement of the points of two profiles that are those of skin.
+fn movements(of_skin: &[NamedPoint], before: &[NamedPoint], after: &[NamedPoint]) -> BTreeMap<&'static str, Vector> {
+    let moved = |p: &NamedPoint| {
+        let named = |points: &[NamedPoint]| points.iter().find(|q| q.name == p.name).map(|q| q.rest);
+        let (at_rest, at_end) = (named(before)?, named(after)?);
+        let is_same = (at_rest - p.rest).norm() <= SAME_POINT_MM && (at_end - p.moved).norm() <= SAME_POINT_MM;
+        is_same.then_some((p.name, at_end - at_rest))
+    };
+    of_skin.iter().filter_map(moved).collect()
 }
 
 /// One row for each ratio that exists, and for each published range.
@@ -335,6 +356,34 @@ mod tests {
         // The tip that is found again lies where its own point went; the new subnasale lies farther back.
         let again = [("pronasale", [0.0, -1.5, 3.0]), ("subnasale", [0.0, -3.0, 1.0])];
         Found { clinical, again: again.map(|(name, v)| (name, Vector::from(v))).into() }
+    }
+
+    #[test]
+    fn a_point_found_again_counts_only_near_the_point_of_skin() {
+        let point = |name, rest: [f64; 3], moved: [f64; 3]| NamedPoint {
+            name,
+            rest: Point::from(rest),
+            moved: Point::from(moved),
+            is_given: false,
+        };
+        let still = |name, place| point(name, place, place);
+        let of_skin = [
+            point("pronasale", [0.0; 3], [0.0, -2.0, 0.0]),
+            point("subnasale", [0.0; 3], [0.0, -2.0, 0.0]),
+            point("labrale_superius", [0.0; 3], [0.0, -2.0, 0.0]),
+        ];
+        let before = [
+            still("pronasale", [0.0, 1.0, 0.0]),
+            still("subnasale", [0.0; 3]),
+            still("labrale_superius", [0.0, 9.0, 0.0]),
+        ];
+        let after = [
+            still("pronasale", [0.0, -3.0, 0.0]),
+            still("subnasale", [0.0, -9.0, 0.0]),
+            still("labrale_superius", [0.0; 3]),
+        ];
+        let found = movements(&of_skin, &before, &after);
+        assert_eq!(found, BTreeMap::from([("pronasale", Vector::new(0.0, -4.0, 0.0))]));
     }
 
     #[test]

@@ -43,7 +43,7 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
     if lines.is_empty() {
         return Err("nothing to draw".to_owned());
     }
-    let values = rows.iter().filter(|r| r.published.is_some()).filter_map(|r| r.again);
+    let values = rows.iter().filter(|r| r.published.is_some()).filter_map(Row::judged);
     let (low, high) = values.fold((-0.1f64, 1.2f64), |(low, high), v| (low.min(v - 0.05), high.max(v + 0.05)));
     let n = lines.len() as f64;
     let height = 130 + ROW_PX * lines.len() as u32;
@@ -79,7 +79,7 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
         let own = rows.iter().filter(|r| (r.operation.as_str(), r.measure.as_str()) == (*operation, *measure));
         let marks = own.filter_map(|r| {
             let color = heads.iter().position(|h| *h == r.head).and_then(|h| HEADS.get(h % HEADS.len()))?;
-            Some(Circle::new((r.again?, middle), 4, color.filled()))
+            Some(Circle::new((r.judged()?, middle), 4, color.filled()))
         });
         chart.draw_series(marks).map_err(said)?;
     }

@@ -137,6 +137,7 @@ fn newton(
     control: &Control,
 ) -> Result<Equilibrium, Failure> {
     let limits = *equations.problem.limits();
+    let has_springs = !equations.state.springs.is_empty();
     let share = if aim > limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
     let enough_mm = share * limits.element_size_mm;
     let mut choice = ModelChoice::first();
@@ -176,7 +177,7 @@ fn newton(
             }
             Err(no_step) => {
                 equations.state.records.push(record);
-                if let Some(safer) = choice.kind.safer().filter(|_| !limits.linear) {
+                if let Some(safer) = choice.kind.safer(has_springs).filter(|_| !limits.linear) {
                     choice.kind = safer;
                     equations.work.solver_mut().refresh();
                     continue;
@@ -322,6 +323,7 @@ fn direction(
     record: &mut IterationRecord,
 ) -> Result<Direction, Failure> {
     let linear = equations.problem.limits().linear;
+    let has_springs = !equations.state.springs.is_empty();
     let mut assembled = None;
     loop {
         if assembled != Some(choice.kind) {
@@ -347,7 +349,7 @@ fn direction(
             continue;
         }
         let solver = equations.work.solver_mut();
-        if let Some(safer) = choice.kind.safer().filter(|_| !linear) {
+        if let Some(safer) = choice.kind.safer(has_springs).filter(|_| !linear) {
             choice.kind = safer;
             record.unstable = true;
             // The last kind is positive definite: when its factorisation fails, the precision was too low.

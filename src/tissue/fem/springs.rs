@@ -334,11 +334,11 @@ pub(super) enum TangentKind {
 }
 
 impl TangentKind {
-    /// The kind to try where this one is not positive definite.
-    pub(super) fn safer(self) -> Option<Self> {
+    /// The kind to try where this one is not positive definite; the last two differ only where there are springs.
+    pub(super) fn safer(self, has_springs: bool) -> Option<Self> {
         match self {
             Self::Exact => Some(Self::Projected),
-            Self::Projected => Some(Self::PositiveDefinite),
+            Self::Projected => has_springs.then_some(Self::PositiveDefinite),
             Self::PositiveDefinite => None,
         }
     }
@@ -420,8 +420,9 @@ mod tests {
     #[test]
     fn the_last_kind_of_tangent_softens_nothing() {
         let bend = Matrix3::from_diagonal(&Vector::new(3.0, -2.0, 0.5));
-        let kinds: Vec<_> = std::iter::successors(Some(TangentKind::Exact), |kind| kind.safer()).collect();
+        let kinds: Vec<_> = std::iter::successors(Some(TangentKind::Exact), |kind| kind.safer(true)).collect();
         assert_eq!(kinds.len(), 3);
+        assert_eq!(TangentKind::Projected.safer(false), None);
         let last = kinds[2];
         assert_eq!(last.elements(), Curvature::Projected);
         let springs = vec![SpringStiffness { stiff: Matrix3::zeros(), bend }];

@@ -10,7 +10,7 @@ use super::tuning::{
     ORBITS_ABOVE_ANS_MM,
 };
 use crate::plan::Proposal;
-use prosopon_geometry::{Aabb, Implicit, Point, Vector, Warning};
+use prosopon_geometry::{Aabb, Implicit, Point, Severity, Vector, Warning};
 
 /// A globe at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,35 +28,76 @@ pub(super) struct WithGlobes<S> {
     pub(super) globes: Vec<Globe>,
 }
 
-/// The globes that a moving segment reaches, and a warning where one that might be reached cannot be placed.
+/// Where bone moves, for the choice of globes.
+#[derive(Debug, Clone)]
+pub(super) struct Reach {
+    /// Boxes around what can move, mm: segments, or the whole region where the cuts are not known.
+    pub(super) parts: Vec<Aabb>,
+    /// Region of the mesh, mm.
+    pub(super) region: Aabb,
+    /// What is known of the cuts.
+    pub(super) known: Known,
+}
+
+/// What is known of the cuts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Known {
+    /// Nothing: a plan may move the orbits or not.
+    Nothing,
+    /// The segments.
+    Segments,
+    /// The segments, and by the teeth that they come near the orbits.
+    NearOrbits,
+}
+
+/// The globes that moving bone can reach, with notes and warnings.
 ///
-/// `moving` are the boxes of the segments, mm. Landmarks of the anatomy go before proposed ones. `skin` and `bone` are fields, mm.
+/// Landmarks of the anatomy go before proposed ones. `skin` and `bone` are fields, mm.
 pub(super) fn place_globes(
     anatomy: &Anatomy,
     proposal: &Proposal,
-    moving: &[Aabb],
+    reach: &Reach,
     skin: &dyn Implicit,
     bone: &dyn Implicit,
-) -> (Vec<Globe>, Option<Warning>) {
+) -> (Vec<Globe>, Vec<Warning>) {
+    let given = |name: &str| anatomy.landmarks.iter().find(|(n, _)| n == name).map(|(_, p)| *p);
     let at = |name: &str| {
-        let given = anatomy.landmarks.iter().find(|(n, _)| n == name).map(|(_, p)| *p);
-        given.or_else(|| proposal.points.get(name).copied()).ok_or_else(|| format!("`{name}` was not found"))
+        given(name).or_else(|| proposal.points.get(name).copied()).ok_or_else(|| format!("`{name}` was not found"))
     };
-    let of_side = |side: &str| {
-        let (orbitale, lateral) = (at(&format!("orbitale_{side}"))?, at(&format!("frontomalare_{side}"))?);
-        Globe::in_orbit(orbitale, lateral, skin, bone).map_err(|why| format!("{side}: {why}"))
-    };
-    let (mut globes, mut faults) = (Vec::new(), Vec::new());
-    for side in ["left", "right"] {
-        match of_side(side) {
-            Ok(globe) => globes.extend(moving.iter().any(|part| globe.touches(part)).then_some(globe)),
+    let (mut globes, mut faults, mut proposed) = (Vec::new(), Vec::new(), Vec::new());
+    for side in [Side::Left, Side::Right] {
+        let names = ["orbitale", "frontomalare"].map(|name| format!("{name}_{}", side.name()));
+        let [orbitale, lateral] = [at(&names[0]), at(&names[1])];
+        let found = orbitale.and_then(|orbitale| Globe::in_orbit(side, [orbitale, lateral?], skin, bone));
+        match found {
+            Ok(globe) if globe.touches(&reach.region) && reach.parts.iter().any(|part| globe.touches(part)) => {
+                globes.push(globe);
+                proposed.extend(names.into_iter().filter(|name| given(name).is_none()));
+            }
+            Ok(_) => {}
             Err(why) => faults.push(why),
         }
     }
+    if let [left, right] = globes.as_slice() {
+        let apart = (left.center - right.center).norm();
+        if apart < left.radius_mm + right.radius_mm {
+            faults.push(format!("the centres of both would lie {apart:.0} mm apart"));
+            globes.clear();
+        }
+    }
+    let mut warnings: Vec<Warning> = placed(&globes, &proposed).into_iter().collect();
     // A fault is of no concern to an operation below the orbits.
-    let top = moving.iter().map(|part| part.max.z).fold(f64::NEG_INFINITY, f64::max);
-    let is_reached = at("ans").is_ok_and(|ans| top > ans.z + ORBITS_ABOVE_ANS_MM);
-    (globes, (is_reached && !faults.is_empty()).then(|| not_placed(&faults.join("; "))))
+    let top = reach.parts.iter().map(|part| part.max.z).fold(f64::NEG_INFINITY, f64::max);
+    let is_high = at("ans").is_ok_and(|ans| top > ans.z + ORBITS_ABOVE_ANS_MM);
+    if !faults.is_empty() && (is_high || reach.known == Known::NearOrbits) {
+        let warning = not_placed(&faults.join("; "));
+        warnings.push(if reach.known == Known::Nothing {
+            Warning { severity: Severity::Info, ..warning }
+        } else {
+            warning
+        });
+    }
+    (globes, warnings)
 }
 
 /// Warning that globes are missing.
@@ -66,40 +107,75 @@ pub(super) fn not_placed(why: &str) -> Warning {
     Warning::check("globes-not-placed", message).act(action)
 }
 
-/// Note where globes were placed; `None` without one.
-pub(super) fn placed(globes: &[Globe]) -> Option<Warning> {
+/// Note where globes were placed, by which `proposed` landmarks; `None` without one.
+fn placed(globes: &[Globe], proposed: &[String]) -> Option<Warning> {
     let first = globes.first()?;
     let places: Vec<String> =
         globes.iter().map(|g| format!("({:.0}, {:.0}, {:.0})", g.center.x, g.center.y, g.center.z)).collect();
     let (radius, places) = (first.radius_mm, places.join(" and "));
-    Some(Warning::info("globes-placed", format!("globes of {radius} mm radius stay at {places} mm")))
+    let message = format!("globes of {radius} mm radius stay at {places} mm");
+    Some(if proposed.is_empty() {
+        Warning::info("globes-placed", message)
+    } else {
+        Warning::info("globes-placed", format!("{message}, by proposed landmarks ({})", proposed.join(", ")))
+            .act("Confirm these landmarks.")
+    })
+}
+
+/// Side of the patient.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Side {
+    Left,
+    Right,
+}
+
+impl Side {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+
+    /// Sign of x away from the midline, LPS.
+    fn lateral(self) -> f64 {
+        match self {
+            Self::Left => 1.0,
+            Self::Right => -1.0,
+        }
+    }
 }
 
 impl Globe {
-    /// The globe in the orbit with these landmarks; an error says which of them cannot be right.
-    fn in_orbit(orbitale: Point, lateral: Point, skin: &dyn Implicit, bone: &dyn Implicit) -> Result<Self, String> {
+    /// The globe in the orbit of this side, with its landmarks `orbitale` and `frontomalare`; an error says which cannot be right.
+    fn in_orbit(
+        side: Side,
+        [orbitale, lateral]: [Point; 2],
+        skin: &dyn Implicit,
+        bone: &dyn Implicit,
+    ) -> Result<Self, String> {
         let rise = lateral - orbitale;
-        let [least, most] = LATERAL_RIM_MM;
-        let is_near = (0.0..=most).contains(&rise.xy().norm());
-        if !(is_near && (least..=most).contains(&rise.z)) {
-            let [aside, back, up] = [rise.x.abs(), rise.y, rise.z];
+        let ([least, most], name) = (LATERAL_RIM_MM, side.name());
+        let (aside, back, up) = (side.lateral() * rise.x, rise.y, rise.z);
+        let is_beside = (0.0..=most).contains(&aside) && back.abs() <= most;
+        if !(is_beside && (least..=most).contains(&up)) {
             return Err(format!(
-                "`frontomalare` lies {up:.0} mm above, {aside:.0} mm beside and {back:.0} mm behind `orbitale`"
+                "`frontomalare_{name}` lies {up:.1} mm above, {aside:.1} mm to the {name} of and {back:.1} mm behind \
+                 `orbitale_{name}`; expected are {least} to {most} mm above and 0 to {most} mm to the {name}"
             ));
         }
-        // The middle lies medial of the lateral rim; left is +x.
-        let medial = -GLOBE_FROM_RIM_MM * rise.x.signum();
-        let z = orbitale.z + GLOBE_HEIGHT_SHARE * rise.z;
-        let mut globe = Self { center: Point::new(lateral.x + medial, lateral.y, z), radius_mm: GLOBE_RADIUS_MM };
+        let z = orbitale.z + GLOBE_HEIGHT_SHARE * up;
+        let x = lateral.x - side.lateral() * GLOBE_FROM_RIM_MM;
+        let mut globe = Self { center: Point::new(x, lateral.y, z), radius_mm: GLOBE_RADIUS_MM };
         // A lid covers it: it lies deeper where the skin is nearer.
         let sunk = skin.value(&globe.center) + globe.radius_mm + LID_MM;
         if sunk > MAX_SUNK_MM {
-            return Err(format!("it would reach {:.0} mm out of the skin", sunk - LID_MM));
+            return Err(format!("the {name} globe would reach {:.0} mm out of the skin", sunk - LID_MM));
         }
         globe.center.y += sunk.max(0.0);
         let room = bone.value(&globe.center);
         if room < globe.radius_mm - GLOBE_BONE_MM {
-            return Err(format!("bone lies {room:.0} mm from its centre"));
+            return Err(format!("bone lies {room:.0} mm from the centre of the {name} globe"));
         }
         Ok(globe)
     }

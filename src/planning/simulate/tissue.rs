@@ -1,5 +1,5 @@
 use super::cartilage::place_cartilage;
-use super::globes::{Globe, WithGlobes, not_placed, place_globes, placed};
+use super::globes::{Globe, Known, Reach, WithGlobes, not_placed, place_globes};
 use super::mouth::{Face, Mouth, find, not_parted};
 use super::tuning::{BEHIND_BACK_MM, BEHIND_FRONT_MM, EMBED_REACH_MM, MOUTH_ROOM_MM, REGION_REACH_MM, REGION_SLACK_MM};
 use super::{Anatomy, CutBone, Fields, SimulateError};
@@ -56,7 +56,7 @@ pub struct TissueModel {
     pub arch: Option<DentalArch>,
     /// The oral slit; `None` where the lips are joined.
     pub slit: Option<Slit>,
-    /// The globes of the eyes; none where no moving bone reaches them.
+    /// The globes of the eyes; none where no bone that can move reaches them.
     pub globes: Vec<Globe>,
     /// The user's skin with its triangles cut along the slit; `None` where the lips are joined.
     pub parted: Option<PartedSkin>,
@@ -88,14 +88,12 @@ pub fn build_tissue(
     let bounds = settings.region.unwrap_or_else(|| scene_box(anatomy, bone));
     let region = Region { bounds, half_spaces: Vec::new() };
     let needs_arch = bone.is_none_or(|b| b.osteotomy.arch.is_none());
-    let near_orbits = bone.filter(|_| settings.globes).map(CutBone::boxes_near_orbits).unwrap_or_default();
-    let needs_proposal = needs_arch || settings.cartilage || !near_orbits.is_empty();
+    let reach = settings.globes.then(|| orbit_reach(bone, &bounds)).filter(|reach| !reach.parts.is_empty());
+    let needs_proposal = needs_arch || settings.cartilage || reach.is_some();
     let proposal = needs_proposal.then(|| propose(&anatomy.skin, &anatomy.skull));
-    let (globes, no_globes) = match &proposal {
-        Some(proposal) if !near_orbits.is_empty() => {
-            place_globes(anatomy, proposal, &near_orbits, &fields.skin, &fields.bone_field)
-        }
-        Some(_) | None => Default::default(),
+    let (globes, of_globes) = match (&proposal, &reach) {
+        (Some(proposal), Some(reach)) => place_globes(anatomy, proposal, reach, &fields.skin, &fields.bone_field),
+        (_, None) | (None, _) => Default::default(),
     };
     let bone_and_globes = WithGlobes { solid: &fields.bone_field, globes };
     let domain = Domain {
@@ -124,9 +122,8 @@ pub fn build_tissue(
         (built, slit) => (built?, slit),
     };
     let (mut mesh, mut report) = built;
-    report.warnings.extend(placed(&bone_and_globes.globes));
     report.warnings.extend(found);
-    report.warnings.extend(no_globes);
+    report.warnings.extend(of_globes);
     let parted = slit.as_ref().and_then(|slit| part_skin(&anatomy.skin, slit));
     let embedding = match (&parted, &slit) {
         (Some(parted), Some(slit)) => embed_parted(parted, &mesh, slit, EMBED_REACH_MM),
@@ -145,6 +142,16 @@ pub fn build_tissue(
         report.warnings.extend(placed.warning);
     }
     Ok(TissueModel { mesh, report, embedding, arch, slit, globes: bone_and_globes.globes, parted })
+}
+
+/// What can move near the orbits, in a mesh of this region.
+fn orbit_reach(bone: Option<&CutBone>, region: &Aabb) -> Reach {
+    let (parts, known) = match bone {
+        None => (vec![*region], Known::Nothing),
+        Some(bone) if bone.osteotomy.arch.is_none() => (bone.boxes_near_orbits(), Known::Segments),
+        Some(bone) => (bone.boxes_near_orbits(), Known::NearOrbits),
+    };
+    Reach { parts, region: *region, known }
 }
 
 /// The slit, unless it leaves the region of the mesh.

@@ -78,7 +78,7 @@ pub(super) const GLOBE_BONE_MM: f64 = 4.0;
 /// aside, mm.
 pub(super) const LATERAL_RIM_MM: [f64; 2] = [12.0, 45.0];
 /// Height of the orbits' lowest points above the occlusal plane, mm, rather less than usual.
-pub(super) const ORBITS_ABOVE_TEETH_MM: f64 = 40.0;
+pub(super) const ORBITS_ABOVE_TEETH_MM: f64 = 45.0;
 /// The same above the anterior nasal spine, mm.
 pub(super) const ORBITS_ABOVE_ANS_MM: f64 = 25.0;
 

@@ -91,7 +91,7 @@ pub struct MeshRequest {
     #[serde(skip_serializing_if = "is_false")]
     pub cartilage: bool,
     /// Whether the globes of the eyes stay where moving bone reaches them, placed by the landmarks `orbitale_*` and
-    /// `frontomalare_*`; true by default.
+    /// `frontomalare_*`; true by default. A mesh without `osteotomy` has them wherever it reaches them.
     #[serde(skip_serializing_if = "is_true")]
     pub globes: bool,
     /// Id of the osteotomy whose segments will move.

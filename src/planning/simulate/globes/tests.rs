@@ -37,26 +37,27 @@ fn nothing() -> impl Implicit {
 
 #[test]
 fn a_globe_lies_in_the_middle_of_its_orbit_below_the_lid() {
-    let globe = Globe::in_orbit(ORBITALE, LATERAL, &behind(-60.0), &nothing()).unwrap();
+    let globe = Globe::in_orbit(Side::Left, [ORBITALE, LATERAL], &behind(-60.0), &nothing()).unwrap();
     assert!((globe.center - Point::new(31.0, -25.0, 20.4)).norm() < 0.1, "{globe:?}");
     let mirrored = |p: Point| Point::new(-p.x, p.y, p.z);
-    let right = Globe::in_orbit(mirrored(ORBITALE), mirrored(LATERAL), &behind(-60.0), &nothing()).unwrap();
+    let right = Globe::in_orbit(Side::Right, [ORBITALE, LATERAL].map(mirrored), &behind(-60.0), &nothing()).unwrap();
     assert_eq!(right.center, mirrored(globe.center));
     // The skin at -35 mm leaves room for the lid only when the globe lies 5 mm farther back.
-    let sunk = Globe::in_orbit(ORBITALE, LATERAL, &behind(-35.0), &nothing()).unwrap();
+    let sunk = Globe::in_orbit(Side::Left, [ORBITALE, LATERAL], &behind(-35.0), &nothing()).unwrap();
     assert!((sunk.center.y + 20.0).abs() < 1e-9, "{sunk:?}");
 }
 
 #[test]
 fn landmarks_that_cannot_be_those_of_an_orbit_place_nothing() {
     let skin = behind(-60.0);
-    let at = |lateral: Point| Globe::in_orbit(ORBITALE, lateral, &skin, &nothing()).unwrap_err();
-    for wrong in [ORBITALE, Point::new(48.5, -25.0, 90.0), Point::new(140.0, -25.0, 29.0), LATERAL * f64::NAN] {
-        assert!(at(wrong).contains("orbitale"), "{wrong}");
+    let at = |lateral: Point| Globe::in_orbit(Side::Left, [ORBITALE, lateral], &skin, &nothing()).unwrap_err();
+    let aside = Point::new(ORBITALE.x - 17.5, -25.0, 29.0);
+    for wrong in [ORBITALE, aside, Point::new(48.5, -25.0, 90.0), Point::new(140.0, -25.0, 29.0), LATERAL * f64::NAN] {
+        assert!(at(wrong).contains("orbitale_left"), "{wrong}");
     }
-    let outside = Globe::in_orbit(ORBITALE, LATERAL, &behind(-20.0), &nothing()).unwrap_err();
+    let outside = Globe::in_orbit(Side::Left, [ORBITALE, LATERAL], &behind(-20.0), &nothing()).unwrap_err();
     assert!(outside.contains("out of the skin"), "{outside}");
-    let filled = Globe::in_orbit(ORBITALE, LATERAL, &skin, &Function(|_: &Point| 3.0)).unwrap_err();
+    let filled = Globe::in_orbit(Side::Left, [ORBITALE, LATERAL], &skin, &Function(|_: &Point| 3.0)).unwrap_err();
     assert!(filled.contains("bone lies 3 mm"), "{filled}");
 }
 
@@ -79,6 +80,45 @@ fn derivatives_of_a_solid_with_globes_are_those_of_the_nearer_one() {
         }
     }
     assert!(both.value_gradient(&globe.center).1.norm() <= 1.0 && both.hessian(&globe.center)[(0, 0)].is_finite());
+}
+
+#[test]
+fn faults_are_told_where_bone_may_reach_an_orbit() {
+    let skin = behind(-60.0);
+    let landmark = |name: &str, p: Point| (name.to_owned(), p);
+    let triangle = TriMesh::new(vec![Point::origin(), ORBITALE, LATERAL], vec![[0, 1, 2]]).unwrap();
+    let with = |points: &[(String, Point)], reach: &Reach| {
+        let anatomy = Anatomy {
+            skin: triangle.clone(),
+            skull: triangle.clone(),
+            air: None,
+            soft_tissue: None,
+            landmarks: points.to_vec(),
+            midline_x_mm: None,
+        };
+        place_globes(&anatomy, &Proposal::default(), reach, &skin, &nothing())
+    };
+    let all = Aabb { min: Point::new(-80.0, -60.0, -60.0), max: Point::new(80.0, 60.0, 80.0) };
+    let reach = |known| Reach { parts: vec![all], region: all, known };
+    let codes = |warnings: &[Warning]| warnings.iter().map(|w| (w.code, w.severity)).collect::<Vec<_>>();
+    let left = [landmark("orbitale_left", ORBITALE), landmark("frontomalare_left", LATERAL)];
+    // The right globe is missing.
+    let (globes, warnings) = with(&left, &reach(Known::NearOrbits));
+    assert_eq!(globes.len(), 1);
+    assert_eq!(codes(&warnings), [("globes-placed", Severity::Info), ("globes-not-placed", Severity::Check)]);
+    // It is not known whether it is needed.
+    assert_eq!(codes(&with(&left, &reach(Known::Segments)).1), [("globes-placed", Severity::Info)]);
+    let high = [left.to_vec(), vec![landmark("ans", Point::new(0.0, -20.0, -30.0))]].concat();
+    let (_, warnings) = with(&high, &reach(Known::Nothing));
+    assert_eq!(codes(&warnings)[1], ("globes-not-placed", Severity::Info));
+    // Both in one orbit.
+    let crowded = [ORBITALE, LATERAL].map(|p| Point::new(-p.x + 50.0, p.y, p.z));
+    let right = [landmark("orbitale_right", crowded[0]), landmark("frontomalare_right", crowded[1])];
+    let (globes, warnings) = with(&[left, right].concat(), &reach(Known::NearOrbits));
+    assert!(globes.is_empty() && warnings[0].message.contains("12 mm apart"), "{warnings:?}");
+    // A region without eyes.
+    let low = Reach { region: Aabb { max: Point::new(80.0, 60.0, 0.0), ..all }, ..reach(Known::NearOrbits) };
+    assert!(with(&[], &low).0.is_empty());
 }
 
 /// Surface of the solid where `value` is negative, mm.

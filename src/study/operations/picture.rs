@@ -46,7 +46,8 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
     let solved = rows.iter().filter(|r| r.end != End::Refused).map(|r| r.solve_s);
     let quickest = solved.fold(GOALS.2, f64::min).max(0.1);
     let (low, high) = (0.5 * quickest, 1.5 * slowest);
-    let seconds = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0, 300.0, 600.0].into_iter().filter(|t| *t < high);
+    let seconds =
+        [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0, 300.0, 600.0].into_iter().filter(|t| (low..high).contains(t));
     let (plot, _) = root.split_vertically(height - LEGEND_PX);
     let mut chart = ChartBuilder::on(&plot)
         .caption("Time of a solve, one mark per head and model", ("sans-serif", 20))

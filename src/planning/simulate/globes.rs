@@ -102,7 +102,7 @@ pub(super) fn place_globes(
 
 /// Warning that globes are missing.
 pub(super) fn not_placed(why: &str) -> Warning {
-    let message = format!("the eyes move with the tissue around them: {why}");
+    let message = format!("an eye without a globe moves with the tissue around it: {why}");
     let action = "Set the landmarks `orbitale_*` and `frontomalare_*`, or build the mesh with `globes: false`.";
     Warning::check("globes-not-placed", message).act(action)
 }

@@ -159,7 +159,7 @@ pub(super) fn attach(
         .map(|node| {
             let p = &mesh.positions[*node];
             let (distance, own) = near.nearest(p)?;
-            (distance <= gap).then(|| (own, (!bone.is_at_globe(p)).then(|| zones.of(p, own))))
+            (distance <= gap).then(|| (own, (!bone.is_at_globe(p, own)).then(|| zones.of(p, own))))
         })
         .collect();
     for (node, found) in touching.into_iter().zip(found) {

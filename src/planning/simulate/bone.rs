@@ -39,9 +39,9 @@ impl CutBone {
         Self { osteotomy: Arc::clone(&self.osteotomy), fields: self.fields.clone(), skull_with_globes }
     }
 
-    /// Whether `p` lies nearer to a globe than to the skull.
-    pub(super) fn is_at_globe(&self, p: &Point) -> bool {
-        self.skull_with_globes.as_ref().is_some_and(|skull| skull.is_globe_nearest(p))
+    /// Whether `p`, whose nearest solid is that of segment `nearest`, lies at a globe.
+    pub(super) fn is_at_globe(&self, p: &Point, nearest: u32) -> bool {
+        nearest == 0 && self.skull_with_globes.as_ref().is_some_and(|skull| skull.is_globe_nearest(p))
     }
 
     /// The segments as solids for ties and contact; the skull includes the globes.

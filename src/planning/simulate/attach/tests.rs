@@ -2,6 +2,7 @@ use std::sync::Arc;
 
 use super::*;
 use crate::plan::{BoundedPlane, Cut, Osteotomy, Segment};
+use crate::simulate::Globe;
 use prosopon_field::{MethodSettings, SignedField};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{ScalarGrid, TriMesh, Vector, isosurface};
@@ -171,4 +172,22 @@ fn nodes_take_the_class_of_the_nearest_painted_vertex_of_the_skull() {
         attached(&[-38.0, -20.0, 30.0, 38.0], &jaws(plane(), Some(arch())), &rules);
     assert_eq!(found, [Free, Tied(1), Free, Tied(0)]);
     assert_eq!(attached.painted, 2);
+}
+
+/// Bone that moves is tied where a globe lies nearer to it than the skull that stays.
+#[test]
+fn only_nodes_at_a_globe_glide_on_it() {
+    use Attachment::{Gliding, Tied};
+    let far = DentalArch { front: Point::new(0.0, -20.0, 200.0), ..arch() };
+    // A globe in front of the moving block touches the line of nodes at z = -32 only, and the skull begins at z = 0.4.
+    let globe = Globe { center: Point::new(0.0, -26.5, -32.0), radius_mm: 6.0 };
+    let bone = jaws(plane(), Some(far));
+    let heights = [-39.0, -25.0];
+    let expected = [Tied(1), Tied(1)];
+    assert_eq!(attached(&heights, &bone, &AttachmentRules::default()).0, expected);
+    assert_eq!(attached(&heights, &bone.with_globes(&[globe]), &AttachmentRules::default()).0, expected);
+    let mut mesh = front(&heights);
+    mesh.positions[0] = Point::new(0.0, -32.5, -32.0);
+    attach(&mut mesh, &bone.with_globes(&[globe]), &[1], None, &AttachmentRules::default());
+    assert_eq!(mesh.attachment, [Gliding(0), Tied(1)]);
 }

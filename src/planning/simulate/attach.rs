@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::CutBone;
+use super::globes::Globe;
 use super::tuning::{FREE_CUT_MM, PAINT_REACH_MM, SEAM_MM, STRIPPED_MM, TIE_GAP_MM};
 use crate::evaluate::MaskRegion;
 use crate::plan::DentalArch;
@@ -128,6 +129,14 @@ pub(super) struct AttachResult {
     pub(super) tied_share: Vec<f64>,
 }
 
+/// Where a node on a solid lies.
+enum At {
+    /// On bone.
+    Bone(InZones),
+    /// On a globe, and whether it glides there.
+    Globe(bool),
+}
+
 /// Numbers of nodes that the rules do not tie.
 #[derive(Debug, Clone, Copy, Default)]
 struct Released {
@@ -155,19 +164,24 @@ pub(super) fn attach(
     let gap = rules.tie_gap_mm.unwrap_or(TIE_GAP_MM);
     let touching: Vec<usize> =
         (0..mesh.positions.len()).filter(|n| mesh.attachment[*n] == Attachment::Sliding).collect();
-    let found: Vec<Option<(u32, Option<InZones>)>> = (touching.par_iter())
+    let found: Vec<Option<(u32, At)>> = (touching.par_iter())
         .map(|node| {
             let p = &mesh.positions[*node];
             let (distance, own) = near.nearest(p)?;
-            (distance <= gap).then(|| (own, (!bone.is_at_globe(p, own)).then(|| zones.of(p, own))))
+            let at =
+                |globe: Option<&Globe>| globe.map_or_else(|| At::Bone(zones.of(p, own)), |g| At::Globe(g.glides_at(p)));
+            (distance <= gap).then(|| (own, at(bone.globe_at(p, own))))
         })
         .collect();
     for (node, found) in touching.into_iter().zip(found) {
         let Some((own, at)) = found else { continue };
-        let Some(at) = at else {
-            released.globes += 1;
-            mesh.attachment[node] = Attachment::Gliding(own);
-            continue;
+        let at = match at {
+            At::Bone(at) => at,
+            At::Globe(glides) => {
+                released.globes += usize::from(glides);
+                mesh.attachment[node] = if glides { Attachment::Gliding(own) } else { Attachment::Tied(own) };
+                continue;
+            }
         };
         let is_seam = zones.has_saw_lines() && at.to_line_mm < SEAM_MM;
         let (class, share) = if is_seam && rules.stripped_mm != Some(0.0) {
@@ -244,7 +258,7 @@ impl Released {
                 format!("within {stripped_mm} mm of a saw line, where periosteum is stripped, {}", how(rules.stripped)),
             ),
             (self.seam, "saw-line-nodes", format!("within {SEAM_MM} mm of a saw line {}", how(rules.saw_line))),
-            (self.globes, "globe-nodes", "at the globes of the eyes glide on them".to_owned()),
+            (self.globes, "globe-nodes", "at the front of the globes of the eyes glide on them".to_owned()),
             (
                 self.inner,
                 "inner-cut-nodes",

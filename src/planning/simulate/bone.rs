@@ -39,9 +39,9 @@ impl CutBone {
         Self { osteotomy: Arc::clone(&self.osteotomy), fields: self.fields.clone(), skull_with_globes }
     }
 
-    /// Whether `p`, whose nearest solid is that of segment `nearest`, lies at a globe.
-    pub(super) fn is_at_globe(&self, p: &Point, nearest: u32) -> bool {
-        nearest == 0 && self.skull_with_globes.as_ref().is_some_and(|skull| skull.is_globe_nearest(p))
+    /// The globe at which `p` lies, whose nearest solid is that of segment `nearest`.
+    pub(super) fn globe_at(&self, p: &Point, nearest: u32) -> Option<&Globe> {
+        self.skull_with_globes.as_ref().filter(|_| nearest == 0)?.globe_before_solid(p)
     }
 
     /// The segments as solids for ties and contact; the skull includes the globes.

@@ -1,4 +1,4 @@
-//! Eyeballs: fixed bodies over which lids glide, placed by landmarks of the orbit's rim.
+//! Eyeballs: fixed bodies over which lids glide and to which tissue behind them is tied, placed by landmarks of the orbit's rim.
 
 use std::ops::Deref;
 
@@ -185,6 +185,11 @@ impl Globe {
         (nearest - self.center).norm() <= self.radius_mm
     }
 
+    /// Whether tissue at `p` on the globe glides, as lids do. Behind its equator muscles and their sheath hold the tissue.
+    pub(super) fn glides_at(&self, p: &Point) -> bool {
+        p.y < self.center.y
+    }
+
     /// Signed distance from the globe's surface, mm.
     fn distance(&self, p: &Point) -> f64 {
         (p - self.center).norm() - self.radius_mm
@@ -192,9 +197,10 @@ impl Globe {
 }
 
 impl<S: Deref<Target: Implicit>> WithGlobes<S> {
-    /// Whether a globe lies nearer to `p` than the solid.
-    pub(super) fn is_globe_nearest(&self, p: &Point) -> bool {
-        self.nearest_globe(p).is_some_and(|(distance, _)| distance < self.solid.value(p))
+    /// The globe that is nearer to `p` than the solid.
+    pub(super) fn globe_before_solid(&self, p: &Point) -> Option<&Globe> {
+        let (distance, globe) = self.nearest_globe(p)?;
+        (distance < self.solid.value(p)).then_some(globe)
     }
 
     fn nearest_globe(&self, p: &Point) -> Option<(f64, &Globe)> {

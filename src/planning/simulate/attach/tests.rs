@@ -190,4 +190,10 @@ fn only_nodes_at_a_globe_glide_on_it() {
     mesh.positions[0] = Point::new(0.0, -32.5, -32.0);
     attach(&mut mesh, &bone.with_globes(&[globe]), &[1], None, &AttachmentRules::default());
     assert_eq!(mesh.attachment, [Gliding(0), Tied(1)]);
+    // Behind its equator tissue is tied to the globe.
+    let behind = Globe { center: globe.center - 12.0 * Vector::y(), ..globe };
+    let mut mesh = front(&heights);
+    mesh.positions[0] = Point::new(0.0, -32.5, -32.0);
+    attach(&mut mesh, &bone.with_globes(&[behind]), &[1], None, &AttachmentRules::default());
+    assert_eq!(mesh.attachment, [Tied(0), Tied(1)]);
 }

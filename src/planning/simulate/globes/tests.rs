@@ -42,6 +42,8 @@ fn a_globe_lies_in_the_middle_of_its_orbit_below_the_lid() {
     let mirrored = |p: Point| Point::new(-p.x, p.y, p.z);
     let right = Globe::in_orbit(Side::Right, [ORBITALE, LATERAL].map(mirrored), &behind(-60.0), &nothing()).unwrap();
     assert_eq!(right.center, mirrored(globe.center));
+    let ends = [-1.0, 1.0].map(|end| globe.glides_at(&(globe.center + Vector::y() * end * globe.radius_mm)));
+    assert_eq!(ends, [true, false]);
     // The skin at -35 mm leaves room for the lid only when the globe lies 5 mm farther back.
     let sunk = Globe::in_orbit(Side::Left, [ORBITALE, LATERAL], &behind(-35.0), &nothing()).unwrap();
     assert!((sunk.center.y + 20.0).abs() < 1e-9, "{sunk:?}");
@@ -67,7 +69,7 @@ fn derivatives_of_a_solid_with_globes_are_those_of_the_nearer_one() {
     let globe = Globe { center: Point::new(1.0, -8.0, 2.0), radius_mm: 5.0 };
     let both = WithGlobes { solid: &solid as &dyn Implicit, globes: vec![globe] };
     for (p, at_globe) in [(Point::new(4.0, -13.0, 5.0), true), (Point::new(40.0, -2.0, 0.0), false)] {
-        assert_eq!(both.is_globe_nearest(&p), at_globe);
+        assert_eq!(both.globe_before_solid(&p).is_some(), at_globe);
         let (value, gradient) = both.value_gradient(&p);
         assert_eq!(value, both.value(&p));
         let numbers = Function(|q: &Point| both.value(q));

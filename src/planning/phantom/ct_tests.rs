@@ -54,7 +54,7 @@ fn surfaces_of_a_tilted_stack_lie_where_the_solids_are() {
     let found = from_ct(&volume, &CtSettings::default(), &Control::new()).unwrap();
     let air = found.air.unwrap();
     assert_eq!(parts(&found.skin).len(), 1);
-    assert_eq!(parts(&found.skull).len(), 2, "upper skull and mandible");
+    assert_eq!(parts(&found.skull).len(), 3, "upper skull, mandible and hyoid");
     // Where half a voxel mixes the values a and b linearly, the level lies (0.5 - (level - a) / (b - a)) voxels outside.
     let expected = |outside: f64, inside: f64, level: f64| (0.5 - (level - outside) / (inside - outside)) * PIXEL;
     let cases = [

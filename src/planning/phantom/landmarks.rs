@@ -1,10 +1,12 @@
 use super::dual::Real;
+use super::skull::ORBIT;
 use prosopon_geometry::{Point, Vector};
 
 /// Landmarks and planes of a head, LPS mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Landmarks {
-    /// Name and position: `pogonion`, `menton`, `ans`, `nasal_bone_tip`, `pronasale`, `soft_pogonion`.
+    /// Name and position: `pogonion`, `menton`, `ans`, `nasal_bone_tip`, `pronasale`, `soft_pogonion`, and `orbitale_*` and
+    /// `frontomalare_*` of both sides.
     pub points: Vec<(String, Point)>,
     /// x of the midline, mm.
     pub midline_x_mm: f64,
@@ -32,8 +34,16 @@ impl Landmarks {
             ("pronasale", frontmost(&skin, [32.0, 50.0])),
             ("soft_pogonion", frontmost(&skin, [-46.0, -26.0])),
         ];
+        let [orbitale, frontomalare] = [lower_rim(&bone), lateral_rim(&bone)];
+        let mirrored = |p: Point| Point::new(-p.x, p.y, p.z);
+        let rims = [
+            ("orbitale_left", orbitale),
+            ("orbitale_right", mirrored(orbitale)),
+            ("frontomalare_left", frontomalare),
+            ("frontomalare_right", mirrored(frontomalare)),
+        ];
         Self {
-            points: points.map(|(name, p)| (name.to_owned(), p)).to_vec(),
+            points: points.into_iter().chain(rims).map(|(name, p)| (name.to_owned(), p)).collect(),
             midline_x_mm: 0.0,
             occlusal_plane_z_mm: 0.0,
             le_fort_1_plane: (Point::new(0.0, -60.0, 32.0), Vector::z()),
@@ -51,6 +61,27 @@ fn lowest(solid: &dyn Fn([f64; 3]) -> f64, [front, back]: [f64; 2]) -> Point {
     extreme(front, back, |y| first_hit(-100.0, 0.0, |z| solid([0.0, y, z])).map(|z| Point::new(0.0, y, z)), |p| p.z)
 }
 
+/// Height of the lateral rim's suture in the orbit, in units of the orbit's height.
+const SUTURE_SHARE: f64 = 0.75;
+/// Width of the lateral rim that is searched for its front, beyond the orbit, mm.
+const RIM_WIDTH_MM: f64 = 10.0;
+
+/// Edge of the left orbit's lower rim below the orbit's centre: the point farthest up and forward.
+fn lower_rim(solid: &dyn Fn([f64; 3]) -> f64) -> Point {
+    let [x, _, z] = ORBIT.center;
+    let front = |z| first_hit(-140.0, 0.0, |y| solid([x, y, z])).map(|y| Point::new(x, y, z));
+    extreme(z - 1.5 * ORBIT.radii[2], z - 0.5 * ORBIT.radii[2], front, |p| p.y - p.z)
+}
+
+/// Front of the left orbit's lateral rim at the suture of cheek bone and forehead.
+fn lateral_rim(solid: &dyn Fn([f64; 3]) -> f64) -> Point {
+    let z = ORBIT.center[2] + (2.0 * SUTURE_SHARE - 1.0) * ORBIT.radii[2];
+    let edge = ORBIT.center[0] + ORBIT.radii[0];
+    let front = |x| first_hit(-140.0, 0.0, |y| solid([x, y, z])).map(|y| Point::new(x, y, z));
+    extreme(edge - RIM_WIDTH_MM, edge + RIM_WIDTH_MM, front, |p| p.y)
+}
+
+/// The point with the least `key` among the hits from `low` to `high`, in steps of 0.05 mm.
 fn extreme(low: f64, high: f64, hit: impl Fn(f64) -> Option<Point>, key: impl Fn(&Point) -> f64) -> Point {
     let steps = ((high - low) / 0.05).round() as usize;
     (0..=steps)

@@ -1,4 +1,4 @@
-//! Bone and teeth: cranium with the upper jaw, and the separate mandible.
+//! Bone and teeth: cranium with the upper jaw, and the separate mandible and hyoid.
 
 use super::air::airway;
 use super::arches::{LOWER_ARCH, UPPER_ARCH};
@@ -15,17 +15,25 @@ const LOWER_ALVEOLAR: Arch = Arch { half_width: 25.0, depth: 43.0, back_y: -31.0
 /// Number of teeth over half an ellipse; the last ones lie where the arch becomes straight.
 const TEETH: f64 = 7.0;
 
+/// An ellipsoid on the left and its mirror image, mm.
+pub(super) struct Ellipsoids {
+    pub(super) center: [f64; 3],
+    pub(super) radii: [f64; 3],
+}
+
+/// The orbits.
+pub(super) const ORBIT: Ellipsoids = Ellipsoids { center: [30.0, -76.0, 69.0], radii: [17.5, 28.0, 16.0] };
+
 pub(super) fn skull<T: Real>(p: [T; 3]) -> T {
     let s = mirrored(p);
-    // A gap separates the two, so the plain minimum is smooth near both surfaces.
-    upper(p, s).min(mandible(p, s))
+    // Gaps separate the three, so the plain minimum is smooth near their surfaces.
+    upper(p, s).min(mandible(p, s)).min(hyoid(s))
 }
 
 fn upper<T: Real>(p: [T; 3], s: [T; 3]) -> T {
     let mut bone = union(cranium(p), midface(p, s), 6.0);
     bone = union(bone, zygoma(s), 6.0);
-    let orbit = ellipsoid(s, [30.0, -76.0, 69.0], [17.5, 28.0, 16.0]);
-    bone = difference(bone, orbit, 4.0);
+    bone = difference(bone, ellipsoid(s, ORBIT.center, ORBIT.radii), 4.0);
     bone = union(bone, nasal_bones(s), 5.0);
     bone = difference(bone, airway(p) - MUCOSA_MM, 3.0);
     bone = union(bone, nasal_spine(p), 3.0);
@@ -104,4 +112,11 @@ fn ramus<T: Real>(s: [T; 3]) -> T {
     let mut bone = union(neck, front, 4.0);
     bone = union(bone, plate, 4.0);
     union(bone, condyle, 3.0)
+}
+
+/// Body and greater horns, open to the back, as high as the mandible's lower border.
+fn hyoid<T: Real>(s: [T; 3]) -> T {
+    let body = capsule(s, [0.0, -11.0, -49.0], [10.0, -8.0, -49.0], 4.0, 3.2);
+    let horn = capsule(s, [10.0, -8.0, -49.0], [20.0, 19.0, -45.0], 2.8, 2.2);
+    union(body, horn, 2.0)
 }

@@ -158,11 +158,11 @@ fn landmarks_lie_on_their_surfaces_in_anatomical_order() {
 }
 
 #[test]
-fn the_mandible_is_apart_from_the_skull_and_planes_part_a_maxilla() {
+fn mandible_and_hyoid_are_apart_from_the_skull_and_planes_part_a_maxilla() {
     let phantom = head();
-    let lower_face = Aabb { min: Point::new(-72.0, -100.0, -46.0), max: Point::new(72.0, 30.0, 56.0) };
+    let lower_face = Aabb { min: Point::new(-72.0, -100.0, -64.0), max: Point::new(72.0, 30.0, 56.0) };
     let mesh = surface_of(phantom.skull.as_ref(), &lower_face, 1.0).unwrap();
-    assert_eq!(prosopon_geometry::parts(&mesh).len(), 2);
+    assert_eq!(prosopon_geometry::parts(&mesh).len(), 3);
 
     // Bone between the occlusal and the Le Fort I plane in front of the tuberosities touches neither zygoma nor ramus.
     let cut = |p: &Point| (0.0..32.0).contains(&p.z) && p.y < -28.0;
@@ -180,4 +180,36 @@ fn the_ct_shows_each_tissue() {
     }
     let body = ct.hu.iter().filter(|v| **v > -300).count() as f64 * 0.064;
     assert!((3400.0..4300.0).contains(&body), "{body} cm³");
+}
+
+#[test]
+fn the_orbits_rims_lie_on_the_bone_around_the_orbits() {
+    let phantom = head();
+    let point = |name: &str| phantom.landmarks.point(name).unwrap();
+    for (side, sign) in [("left", 1.0), ("right", -1.0)] {
+        let (lower, lateral) = (point(&format!("orbitale_{side}")), point(&format!("frontomalare_{side}")));
+        for p in [lower, lateral] {
+            assert!(phantom.skull.value(&p).abs() < 0.01, "{side} {p}");
+        }
+        // Between the rims there is no bone in front of the orbit's middle.
+        assert!(bone_from_front(&phantom, sign * 30.0, 69.0).y > lower.y + 20.0);
+        let rise = lateral - lower;
+        assert!((15.0..30.0).contains(&rise.z) && (10.0..25.0).contains(&(sign * rise.x)), "{side} {rise}");
+    }
+}
+
+#[test]
+fn the_hyoid_is_a_bone_of_its_own_behind_and_below_the_chin() {
+    let phantom = head();
+    let below = Aabb { min: Point::new(-72.0, -100.0, -64.0), max: Point::new(72.0, 30.0, 38.0) };
+    let bone = surface_of(phantom.skull.as_ref(), &below, 1.0).unwrap();
+    let menton = phantom.landmarks.point("menton").unwrap();
+    let parts = prosopon_geometry::parts(&bone);
+    let boxes = parts.iter().map(|part| prosopon_geometry::submesh(&bone, part).unwrap().bounds());
+    let hyoids: Vec<Aabb> = boxes.filter(|b| b.max.z < menton.z).collect();
+    assert_eq!(hyoids.len(), 1);
+    let front = hyoids[0].min;
+    // Radiographs put the body about 40 mm behind the chin and up to 20 mm below its lower border.
+    assert!((40.0..65.0).contains(&(front.y - menton.y)), "{front} {menton}");
+    assert!((2.0..20.0).contains(&(menton.z - front.z)), "{front} {menton}");
 }

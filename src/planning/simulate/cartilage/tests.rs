@@ -44,7 +44,7 @@ fn cartilage(mesh: &MixedMesh) -> impl Iterator<Item = ([Point; 4], Point)> {
 }
 
 /// The phantom is symmetric but the lattice of the mesh is not, which moves single tetrahedra in or out at the border of the
-/// cartilage: about one in thirty of its volume.
+/// cartilage: 1 to 5 % of its volume with the lattice in four places 1 mm apart.
 #[test]
 fn cartilage_lies_in_the_nose_alike_on_both_sides_and_off_leaves_the_mesh_alone() {
     let head = phantom::head();
@@ -59,7 +59,7 @@ fn cartilage_lies_in_the_nose_alike_on_both_sides_and_off_leaves_the_mesh_alone(
     let n = cartilage(&on.mesh).count();
     assert!(n > 100 && on.report.cartilage == n, "{n} of {:?}", on.report);
     let [right, left] = sides(&on.mesh);
-    assert!((right - left).abs() < 0.05 * (right + left), "{right} {left} mm³");
+    assert!((right - left).abs() < 0.08 * (right + left), "{right} {left} mm³");
     let subnasale = propose(&anatomy.skin, &anatomy.skull).points["subnasale"];
     let bone_tip = head.landmarks.point("nasal_bone_tip").unwrap();
     for (_, p) in cartilage(&on.mesh) {

@@ -4,13 +4,13 @@ use std::ops::Deref;
 
 use nalgebra::Matrix3;
 
-use super::Anatomy;
 use super::tuning::{
     GLOBE_BONE_MM, GLOBE_FROM_RIM_MM, GLOBE_HEIGHT_SHARE, GLOBE_RADIUS_MM, LATERAL_RIM_MM, LID_MM, MAX_SUNK_MM,
-    ORBITS_ABOVE_ANS_MM,
+    ORBITS_ABOVE_ANS_MM, PRESSED_MM,
 };
-use crate::plan::Proposal;
-use prosopon_geometry::{Aabb, Implicit, Point, Severity, Vector, Warning};
+use super::{Anatomy, CutBone};
+use crate::plan::{Plan, Proposal, Segment};
+use prosopon_geometry::{Aabb, Implicit, Motion, Point, Severity, Vector, Warning};
 
 /// A globe at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,6 +120,32 @@ fn placed(globes: &[Globe], proposed: &[String]) -> Option<Warning> {
         Warning::info("globes-placed", format!("{message}, by proposed landmarks ({})", proposed.join(", ")))
             .act("Confirm these landmarks.")
     })
+}
+
+/// Says which moving bone is pressed into which globe by more than at rest, at the steps of the path; `t` ascends to 1.
+pub(super) fn pressed(globes: &[Globe], bone: &CutBone, plan: &Plan, t: impl Iterator<Item = f64>) -> Vec<Warning> {
+    let moved: Vec<(f64, Vec<(u32, Motion)>)> = t.map(|t| (t, plan.motions(t))).collect();
+    let pairs = globes.iter().flat_map(|globe| bone.osteotomy.segments.iter().map(move |segment| (globe, segment)));
+    let deepest = pairs.filter_map(|(globe, segment)| {
+        let gap_after = |motion: &Motion| {
+            segment.surface.positions().iter().map(|p| globe.distance(&(motion * p))).fold(f64::INFINITY, f64::min)
+        };
+        let motions = moved.iter().filter_map(|(t, all)| Some((*t, all.iter().find(|m| m.0 == segment.id)?.1)));
+        let (gap, t) = motions.map(|(t, m)| (gap_after(&m), t)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let depth = gap_after(&Motion::identity()).min(0.0) - gap;
+        (depth > PRESSED_MM).then_some((globe, segment, depth, t))
+    });
+    let warning = |(globe, segment, depth, t): (&Globe, &Segment, f64, f64)| {
+        let [x, y, z] = globe.center.coords.into();
+        let message = format!(
+            "{} comes {depth:.1} mm deep into the globe at ({x:.0}, {y:.0}, {z:.0}) mm, at {t:.2} of its path; the globe gives \
+             no way, so tissue between them is crushed",
+            segment.label()
+        );
+        let action = "Check which walls of the orbit the cuts take along; shorten the path, or build the mesh with `globes: false`.";
+        Warning::check("globe-pressed", message).act(action)
+    };
+    deepest.map(warning).collect()
 }
 
 /// Side of the patient.

@@ -154,17 +154,43 @@ fn plate() -> (Anatomy, Fields) {
     (anatomy, fields)
 }
 
-/// The rim of an orbit moves forward, as in a Le Fort III: the lid stays with the globe.
-#[test]
-fn lids_glide_over_a_globe_that_stays() {
-    let (anatomy, fields) = plate();
+/// The plate cut above its orbit, and the segment with the orbit.
+fn rim_of(fields: &Fields) -> (CutBone, u32) {
     let above = BoundedPlane { point: Point::new(0.0, 0.0, 60.0), normal: Vector::z(), bounds: None };
     let mut settings = FieldsSettings::default();
     settings.field.field.spacing_mm = 2.0;
     let bone = cut_bone(&fields.bone, &[Cut::from(above)], &settings.field, &Control::new()).unwrap();
     let rim = bone.osteotomy.segments.iter().find(|s| s.surface.bounds().min.z < 0.0).unwrap().id;
-    let path = Path::new(rim, vec![(1.0, Motion::translation(0.0, -5.0, 0.0))]).unwrap();
-    let plan = Plan { paths: vec![path] };
+    (bone, rim)
+}
+
+fn moved(segment: u32, x: f64, y: f64) -> Plan {
+    Plan { paths: vec![Path::new(segment, vec![(1.0, Motion::translation(x, y, 0.0))]).unwrap()] }
+}
+
+/// The orbit's wall lies 5 mm from the globe, which a movement to the side uses up.
+#[test]
+fn bone_that_is_pressed_into_a_globe_is_reported() {
+    let (_, fields) = plate();
+    let (bone, rim) = rim_of(&fields);
+    let globe = Globe::in_orbit(Side::Left, [ORBITALE, LATERAL], &behind(-40.0), &nothing()).unwrap();
+    let found = |plan: &Plan| pressed(&[globe], &bone, plan, [0.5, 1.0].into_iter());
+    for harmless in [moved(rim, 0.0, -15.0), moved(rim, 5.5, 0.0), Plan { paths: Vec::new() }] {
+        assert_eq!(found(&harmless), []);
+    }
+    let warnings = found(&moved(rim, 9.0, 0.0));
+    assert!(warnings.len() == 1 && warnings[0].code == "globe-pressed", "{warnings:?}");
+    let depth = warnings[0].message.split(" mm deep").next().and_then(|s| s.rsplit(' ').next()).unwrap();
+    // The bone is cut on a lattice of 2 mm.
+    assert!((depth.parse::<f64>().unwrap() - 4.0).abs() < 0.3, "{}", warnings[0].message);
+}
+
+/// The rim of an orbit moves forward, as in a Le Fort III: the lid stays with the globe.
+#[test]
+fn lids_glide_over_a_globe_that_stays() {
+    let (anatomy, fields) = plate();
+    let (bone, rim) = rim_of(&fields);
+    let plan = moved(rim, 0.0, -5.0);
     let lid = Point::new(31.0, -40.0, 20.4);
     let off = |p: &Point| (p - lid).norm();
     let positions = anatomy.skin.positions();

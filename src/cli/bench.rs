@@ -7,8 +7,8 @@ use super::CommandResult;
 use prosopon_field::{FieldSettings, Method, MethodSettings, Tolerance};
 use prosopon_planning::simulate::Mouth;
 use prosopon_study::{
-    AssumptionStudy, BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource,
-    ModelCase, ModelStudy, OperationStudy, ProposalStudy, RatioStudy, ReachStudy, ServiceStudy, SlabCase,
+    AssumptionStudy, BoundStudy, BudgetStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy,
+    HeadSource, ModelCase, ModelStudy, OperationStudy, ProposalStudy, RatioStudy, ReachStudy, ServiceStudy, SlabCase,
     SolverGrowthStudy, StabilityStudy, TruthStudy, WarmStartStudy, evaluate, run_model_cases, run_slab_case,
 };
 
@@ -29,6 +29,8 @@ pub(super) enum BenchCommand {
     Operations(OperationArguments),
     /// How far the face moves when one modelling choice at a time is changed; a tornado chart.
     Assumptions(AssumptionArguments),
+    /// What finer meshes and other elements cost and bring; fits the table by which `auto` keeps a budget.
+    Budget(BudgetArguments),
     /// Soft-to-hard ratios of four operations on several heads, beside published ranges.
     Ratios(RatioArguments),
     /// Distances of proposed landmarks from known ones.
@@ -259,6 +261,28 @@ pub(super) struct AssumptionArguments {
 }
 
 #[derive(Debug, Args)]
+pub(super) struct BudgetArguments {
+    /// Heads as for `operations`.
+    #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-narrow")]
+    heads: Vec<HeadSource>,
+    /// Names of operations as in `operations` [default: a Le Fort I, a split osteotomy and a genioplasty].
+    #[arg(long, value_delimiter = ';')]
+    operations: Vec<String>,
+    /// Edge lengths of the meshes, mm, from coarse to fine.
+    #[arg(long, value_delimiter = ',', default_value = "7,5.5,4.5,3.7")]
+    edges_mm: Vec<f64>,
+    /// Edge length of the reference, mm.
+    #[arg(long, default_value_t = 3.0)]
+    reference_mm: f64,
+    /// Time limit of a solve, s.
+    #[arg(long, default_value_t = 600.0)]
+    limit_s: f64,
+    /// CSV file to write.
+    #[arg(long, default_value = "budget.csv")]
+    csv: PathBuf,
+}
+
+#[derive(Debug, Args)]
 pub(super) struct RatioArguments {
     /// Heads as for `operations`.
     #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
@@ -412,6 +436,11 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             if !(OperationStudy { heads, cases: &a.cases, only, mouth, limit_s, csv: &a.csv }.run(out)?) {
                 return Err("a goal is missed: 97 % of solves reliable, slowest within 60 s, median within 10 s".into());
             }
+        }
+        BenchCommand::Budget(a) => {
+            let BudgetArguments { heads, operations, edges_mm, reference_mm, limit_s, csv } = a;
+            let (reference_mm, limit_s) = (*reference_mm, *limit_s);
+            BudgetStudy { heads, operations, edges_mm, reference_mm, limit_s, csv }.run(out)?;
         }
         BenchCommand::Assumptions(a) => {
             let (operations, only) = (a.operations.as_slice(), a.only.as_slice());

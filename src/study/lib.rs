@@ -5,11 +5,13 @@
 
 mod assumptions;
 mod bounds;
+mod budget;
 mod chart;
 mod collision;
 mod contacts;
 mod ct;
 mod cuts;
+mod end_skin;
 mod error;
 mod evaluate;
 mod field;
@@ -35,6 +37,7 @@ mod winding;
 
 pub use assumptions::AssumptionStudy;
 pub use bounds::BoundStudy;
+pub use budget::BudgetStudy;
 pub use collision::CollisionStudy;
 pub use contacts::ContactStudy;
 pub use ct::{CtConversion, CtSurfaceStudy, load_ct, read_ct};

@@ -4,6 +4,7 @@
 //! called an error.
 
 mod baseline;
+mod between;
 mod clinical;
 mod colour;
 mod distance;
@@ -25,6 +26,7 @@ mod statistics;
 mod tuning;
 
 pub use baseline::{BaselineError, baseline_error};
+pub use between::between_solutions;
 pub use clinical::{BeforeAfter, Clinical, ClinicalInput, NamedPoint, NoRatio, ProfilePiece, SoftToHard, clinical};
 pub use colour::diverging;
 pub use error::{EvaluateError, RegistrationFault};

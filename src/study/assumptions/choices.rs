@@ -1,10 +1,9 @@
 //! The modelling choices that the study changes.
 
-use prosopon_planning::simulate::{
-    AttachmentRules, Beyond, HEAD_LOCKING, LEAVE_OUT_BELOW_MM, Mouth, NodeClass, RunSettings, TissueSettings,
-};
+use super::super::end_skin::usual_run;
+use prosopon_planning::simulate::{AttachmentRules, Beyond, Mouth, NodeClass, RunSettings, TissueSettings};
 use prosopon_tissue::fem::material::{Material, Materials};
-use prosopon_tissue::fem::{Locking, Model, Preset, SolveSettings};
+use prosopon_tissue::fem::{Locking, Model, SolveSettings};
 
 /// All choices of one solve.
 pub(super) struct Choices {
@@ -21,16 +20,7 @@ pub(super) struct Choice {
 impl Choices {
     /// The defaults of the service.
     pub(super) fn usual(steps: usize) -> Self {
-        let run = RunSettings {
-            solver: SolveSettings {
-                locking: HEAD_LOCKING,
-                ..SolveSettings::new(Model::Nonlinear, Preset::Wang2009Stable.materials())
-            },
-            steps,
-            attachment: Some(AttachmentRules::default()),
-            leave_out_below_mm: LEAVE_OUT_BELOW_MM,
-        };
-        Self { run, tissue: TissueSettings::default() }
+        Self { run: usual_run(steps), tissue: TissueSettings::default() }
     }
 
     fn rules(&mut self) -> &mut AttachmentRules {

@@ -5,19 +5,18 @@ mod tornado;
 
 use std::io::Write;
 use std::path::Path;
-use std::time::Instant;
 
+use super::end_skin::{EndSkin, end_skin};
 use super::error::{BenchError, write};
 use super::files::refuse_unwritable;
 use super::head::{Head, HeadSource};
-use super::model_case::clock;
-use super::operations::{self, Operation, Scene};
+use super::operations::{self, Operation};
 use choices::{Choices, choices};
 use prosopon_geometry::Vector;
 use prosopon_geometry::control::Control;
 use prosopon_planning::evaluate::face_regions;
 use prosopon_planning::plan::propose;
-use prosopon_planning::simulate::{Fields, FieldsSettings, build_fields, solve};
+use prosopon_planning::simulate::{Fields, FieldsSettings, build_fields};
 
 /// Operations of the study when the caller names none: one for each kind of movement.
 const OPERATIONS: [&str; 6] = [
@@ -63,13 +62,6 @@ struct Row {
     fault: String,
 }
 
-/// The movement of the skin, or why there is none.
-struct Solved {
-    moved: Result<Vec<Vector>, String>,
-    solve_s: f64,
-    detail: String,
-}
-
 impl AssumptionStudy<'_> {
     /// Runs the study, prints a line for each choice and writes rows and chart.
     ///
@@ -112,7 +104,7 @@ impl AssumptionStudy<'_> {
             Ok(scene) => scene,
             Err(why) => return Ok(writeln!(out, "{name} {}: {why}", operation.name)?),
         };
-        let base = self.solved(head, &scene, operation, &usual);
+        let base = end_skin(head, &scene, operation, &usual.run, self.limit_s);
         writeln!(out, "{name} {}: {:.1} s {}", operation.name, base.solve_s, base.detail)?;
         let Ok(from) = &base.moved else { return Ok(()) };
         rows.extend(compared(name, head, operation, "as usual", &base, from, base.solve_s));
@@ -122,11 +114,11 @@ impl AssumptionStudy<'_> {
             let mut changed = Choices::usual(operation.steps);
             (choice.change)(&mut changed);
             let found = if changed.tissue == usual.tissue {
-                self.solved(head, &scene, operation, &changed)
+                end_skin(head, &scene, operation, &changed.run, self.limit_s)
             } else {
                 match operations::scene_with(head, fields, &operation.templates, &changed.tissue) {
-                    Ok(scene) => self.solved(head, &scene, operation, &changed),
-                    Err(why) => Solved { moved: Err(why.clone()), solve_s: 0.0, detail: why },
+                    Ok(scene) => end_skin(head, &scene, operation, &changed.run, self.limit_s),
+                    Err(why) => EndSkin::missing(why),
                 }
             };
             let of_choice = compared(name, head, operation, choice.name, &found, from, base.solve_s);
@@ -138,36 +130,6 @@ impl AssumptionStudy<'_> {
         }
         Ok(())
     }
-
-    fn solved(&self, head: &Head, scene: &Scene, operation: &Operation, choices: &Choices) -> Solved {
-        let plan = match operations::plan(&scene.bone, &operation.moves, &head.landmarks) {
-            Ok(plan) => plan,
-            Err(why) => return Solved { moved: Err(why.clone()), solve_s: 0.0, detail: why },
-        };
-        let control = Control::new().with_clock(clock).with_deadline(clock() + self.limit_s);
-        let begin = Instant::now();
-        let mut last = None;
-        let outcome = solve(&head.anatomy, &scene.tissue, &scene.bone, &plan, &choices.run, &control, &mut |frame| {
-            last = Some(frame)
-        });
-        let solve_s = begin.elapsed().as_secs_f64();
-        match (outcome, last) {
-            (Ok(outcome), Some(frame)) => {
-                let rest = head.anatomy.skin.positions();
-                let moved = frame.skin.positions().iter().zip(rest).map(|(a, b)| a - b).collect();
-                let iterations: usize = outcome.steps.iter().map(|s| s.newton_iterations).sum();
-                let a = &outcome.attached;
-                let glide: usize = a.gliding.values().sum();
-                let detail = format!(
-                    "({iterations} iterations, {} unknowns; {glide} gliding, {} sliding, {} free)",
-                    frame.report.unknowns, a.sliding, a.free_at_bone
-                );
-                Solved { moved: Ok(moved), solve_s, detail }
-            }
-            (Err(error), _) => Solved { moved: Err(error.to_string()), solve_s, detail: error.to_string() },
-            (Ok(_), None) => Solved { moved: Err("no step".to_owned()), solve_s, detail: "no step".to_owned() },
-        }
-    }
 }
 
 /// Rows of one choice: a row for each region of the face, and one for all of it.
@@ -176,7 +138,7 @@ fn compared(
     head: &Head,
     operation: &Operation,
     choice: &'static str,
-    found: &Solved,
+    found: &EndSkin,
     from: &[Vector],
     base_s: f64,
 ) -> Vec<Row> {

@@ -130,7 +130,8 @@ impl Row {
 pub(super) struct Scene {
     pub(super) bone: CutBone,
     pub(super) tissue: TissueModel,
-    prepare_s: f64,
+    /// Time of cut and mesh, s.
+    pub(super) prepare_s: f64,
 }
 
 impl OperationStudy<'_> {

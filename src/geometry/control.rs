@@ -73,6 +73,19 @@ impl Control {
         Self { deadline: Some(at), ..self }
     }
 
+    /// A control that counts as cancelled `seconds` from now, or at the deadline if that is earlier.
+    #[must_use]
+    pub fn within(&self, seconds: f64) -> Self {
+        let at = (self.clock)() + seconds;
+        Self { deadline: Some(self.deadline.map_or(at, |deadline| deadline.min(at))), ..self.clone() }
+    }
+
+    /// Time to the deadline, s; infinite without one.
+    #[must_use]
+    pub fn left_s(&self) -> f64 {
+        self.deadline.map_or(f64::INFINITY, |at| at - (self.clock)())
+    }
+
     /// The same control with a memory limit, MB.
     ///
     /// A stage that would need more memory is refused before it begins.
@@ -177,6 +190,14 @@ mod tests {
         assert!(early.stage(0.0, 0.5).check().is_ok());
         let late = whole.with_deadline(5.0);
         assert!(late.stage(0.0, 0.5).check().is_err() && late.without_progress().check().is_err());
+    }
+
+    #[test]
+    fn a_shorter_time_ends_a_part_and_not_the_whole() {
+        let whole = Control::new().with_clock(|| 5.0).with_deadline(9.0);
+        assert_eq!(whole.left_s(), 4.0);
+        assert_eq!((whole.within(1.0).left_s(), whole.within(100.0).left_s()), (1.0, 4.0));
+        assert!(whole.within(0.0).check().is_err() && whole.check().is_ok());
     }
 
     #[test]

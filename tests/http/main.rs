@@ -6,6 +6,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "test code")]
 
 mod api_examples;
+mod budget;
 mod crash_recovery;
 mod damaged_values;
 #[path = "../engines/mod.rs"]

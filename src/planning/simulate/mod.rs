@@ -4,6 +4,7 @@
 
 mod attach;
 mod bone;
+pub mod budget;
 mod cartilage;
 mod error;
 mod fields;

@@ -91,8 +91,6 @@ kinds! {
     NoReference = "no-reference",
     /// The result is not there yet.
     NotReady = "not-ready",
-    /// Part of the API contract, but not in this version.
-    NotAvailable = "not-available",
     /// The request is not for this host.
     ForeignHost = "foreign-host",
     /// Too many jobs wait.

@@ -9,6 +9,7 @@
 mod attachment;
 mod baselines;
 mod bounds;
+mod budget;
 mod check;
 mod clinical;
 mod compare;
@@ -41,6 +42,7 @@ mod warning;
 pub use attachment::{AttachedDocument, Attachment, BeyondName, NodeClassName, PaintDocument};
 pub use baselines::{BaselineDocument, BaselinesDocument};
 pub use bounds::BoxDocument;
+pub use budget::{Budget, BudgetDocument, EstimateDocument};
 pub use check::{Check, REACH_MM, short_number};
 pub use clinical::{
     BeforeAfterDocument, ClinicalDocument, NamedPointDocument, ProfilePieceDocument, SoftToHardDocument,
@@ -82,7 +84,7 @@ pub use region::RegionRequest;
 pub use registration::RegistrationDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
 pub use session::{CreateSession, MAX_STEPS, SessionSettings};
-pub use solve::{Budget, ModelName, OutputName, SolveRequest, SolverOptions};
+pub use solve::{ModelName, OutputName, SolveRequest, SolverOptions};
 pub use statistics::StatisticsDocument;
 pub use step::{LeftOutDocument, ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
 pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};

@@ -5,8 +5,8 @@ use utoipa::ToSchema;
 
 use super::warning::Findings;
 use super::{
-    AttachedDocument, ClinicalDocument, ErrorDocument, FieldDocument, LeftOutDocument, MeshDocument, PlanDocument,
-    RegionMotionDocument, StepDocument, TissueDocument,
+    AttachedDocument, BudgetDocument, ClinicalDocument, ErrorDocument, FieldDocument, LeftOutDocument, MeshDocument,
+    PlanDocument, RegionMotionDocument, StepDocument, TissueDocument,
 };
 
 /// Computing time of each phase, s; all but `solve_s` are from when the parts were made.
@@ -69,6 +69,9 @@ pub struct ReportDocument {
     /// The uploaded tissue mesh that replaces it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tissue: Option<TissueDocument>,
+    /// What `auto` chose for the request's budget; absent without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub budget: Option<BudgetDocument>,
     /// Plan with the paths of the bone.
     pub plan: PlanDocument,
     /// Cost and result of each step.

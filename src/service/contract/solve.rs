@@ -6,8 +6,9 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::attachment::Attachment;
+use super::budget::Budget;
 use super::check::Check;
-use super::fault::{Fault, FaultKind};
+use super::fault::Fault;
 use super::material::{
     D1ReadingName, LockingName, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName,
 };
@@ -46,18 +47,6 @@ pub enum OutputName {
     Error,
     /// Deformed tissue volume, as VTU.
     Tissue,
-}
-
-/// Limits within which `auto` chooses the model. Not available in this version.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Budget {
-    /// Largest acceptable error, mm.
-    #[serde(default)]
-    pub max_error_mm: Option<f64>,
-    /// Longest acceptable computing time, s.
-    #[serde(default)]
-    pub max_wall_s: Option<f64>,
 }
 
 impl ModelName {
@@ -189,7 +178,10 @@ pub struct SolveRequest {
     /// state: solve plans that you keep from rest. The job starts from rest when absent.
     #[serde(default)]
     pub warm_start: Option<Uuid>,
-    /// Limits for the model `auto`. Not available in this version.
+    /// Limits within which `auto` chooses edge length and elements, where the request does not give them.
+    ///
+    /// The report's `budget` says what was chosen and why, and the error estimated afterwards, which takes about half as long
+    /// as the solve. The mesh is the one that `mesh` names, or has the settings of the newest mesh and the chosen edge.
     #[serde(default)]
     pub budget: Option<Budget>,
     /// Results to keep besides the report; `skin` and `error` when absent.
@@ -259,11 +251,8 @@ impl SolveRequest {
     /// `locking` applies when the request names none.
     ///
     /// # Errors
-    /// A fault that lists every value that is not allowed; [`FaultKind::NotAvailable`] for a budget.
+    /// A fault that lists every value that is not allowed.
     pub fn resolved(mut self, session: &SessionSettings, max_wall: Duration, locking: Locking) -> Result<Self, Fault> {
-        if self.budget.is_some() {
-            return Err(Fault::new(FaultKind::NotAvailable, "budgets are not available in this version").at("/budget"));
-        }
         let usual = if self.warm_start.is_some() { 1 } else { session.steps.unwrap_or(DEFAULT_STEPS) };
         let steps = *self.steps.get_or_insert(usual);
         self.preset.get_or_insert(session.preset.unwrap_or_default());
@@ -277,9 +266,24 @@ impl SolveRequest {
             check.number("/max_wall_s", seconds, 1.0, max_wall.as_secs_f64());
         }
         check.number("/leave_out_below_mm", self.leave_out_below_mm(), 0.0, 1.0);
+        self.check_budget(max_wall, &mut check);
         check.finish()?;
         self.fill(locking);
         Ok(self)
+    }
+
+    fn check_budget(&self, max_wall: Duration, check: &mut Check) {
+        let Some(budget) = &self.budget else { return };
+        budget.check(max_wall.as_secs_f64(), check);
+        if self.model != ModelName::Auto {
+            check.fault("/budget", "is for the model `auto`; leave `model` or `budget` out");
+        }
+        if self.warm_start.is_some() {
+            check.fault(
+                "/budget",
+                "cannot be kept from the end state of another solve; leave `warm_start` or `budget` out",
+            );
+        }
     }
 
     /// Fills in the defaults of the solver, so that requests with the same meaning are equal.
@@ -307,6 +311,9 @@ impl SolveRequest {
         let mut check = Check::default();
         if self.attachment.is_some() {
             check.fault("/attachment", "the uploaded tissue mesh has its own array `attachment`; remove this member");
+        }
+        if self.budget.is_some() {
+            check.fault("/budget", "is for meshes that the service builds; remove this member");
         }
         if self.mesh.is_some() {
             check.fault("/mesh", "solves of this session use the uploaded tissue mesh; remove this member");

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use prosopon_contract::{
-    CompareRequest, CutDocument, Fault, FieldSettingsDocument, MeshRequest, PlanDocument, PresetName, SolveRequest,
-    TissueDocument, WarningDocument,
+    BudgetDocument, CompareRequest, CutDocument, Fault, FieldSettingsDocument, MeshRequest, PlanDocument, PresetName,
+    SolveRequest, TissueDocument, WarningDocument,
 };
 use prosopon_geometry::TriMesh;
 use prosopon_planning::plan::PlanError;
@@ -88,6 +88,9 @@ pub struct SolveTask {
     pub mesh: MeshChoice,
     /// Key of the mesh when the job was accepted.
     pub mesh_key: String,
+    /// What was chosen for the request's budget.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub budget: Option<BudgetDocument>,
     /// SHA-256 of the session's target surface when the job was accepted.
     #[serde(default)]
     pub target: Option<String>,

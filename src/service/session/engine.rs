@@ -110,6 +110,20 @@ pub trait Engine: Debug + Send + Sync {
     /// [`Halt`]; steps that were reported stay valid.
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt>;
 
+    /// Distance between `moved`, the skin at the end of `run`, and that of the same run on another tissue mesh, mm.
+    ///
+    /// It is the 95th percentile over the part of the face that moves; the error is why it is not known.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn distance_to_mesh(
+        &self,
+        run: &Run,
+        moved: &TriMesh,
+        other: &TissueRequest,
+        control: &Control,
+    ) -> Result<f64, Halt>;
+
     /// Solves an uploaded tissue mesh along the plan; reports each step to `watch`.
     ///
     /// # Errors

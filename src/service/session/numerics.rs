@@ -304,6 +304,36 @@ impl Engine for Numerics {
         solve_path(&self.recent, &ready, last, &control, &mut |frame, checkpoint| watch.frame(frame, checkpoint))
     }
 
+    fn distance_to_mesh(
+        &self,
+        run: &Run,
+        moved: &TriMesh,
+        other: &TissueRequest,
+        control: &Control,
+    ) -> Result<f64, Halt> {
+        let case = &run.case;
+        let unknown = |detail: &str| Halt::from(Fault::new(FaultKind::Internal, detail));
+        let bone = self.bone_of(case, &run.cuts, &control.stage(0.0, 0.1))?;
+        let tissue = self.tissue_of(case, other, &control.stage(0.1, 0.3))?;
+        let mut last = None;
+        let control = control.stage(0.3, 1.0);
+        let anatomy = &case.anatomy;
+        // Not through the cache, which keeps the equations of the mesh that the next plan will use.
+        simulate::solve(anatomy, &tissue, &bone, &run.plan, &run.settings, &control, &mut |f| last = Some(f.skin))?;
+        let rest = self.skin(run, &control.without_progress())?;
+        let other = last.ok_or_else(|| unknown("the other mesh has no step"))?;
+        let count = rest.positions().len();
+        if [moved, &other].iter().any(|skin| skin.positions().len() != count) {
+            return Err(unknown("the lips part differently on the two meshes"));
+        }
+        let displacements = |skin: &TriMesh| -> Vec<Vector> {
+            skin.positions().iter().zip(rest.positions()).map(|(a, b)| a - b).collect()
+        };
+        let (regions, _) = self.regions(case);
+        let found = evaluate::between_solutions(&rest, &regions, &displacements(moved), &displacements(&other));
+        found.map(|statistics| statistics.p95).ok_or_else(|| unknown("no part of the face moves"))
+    }
+
     fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {
         const FIELDS: f64 = 0.1;
         let before = control.stage(0.0, FIELDS);

@@ -60,7 +60,6 @@ async fn invalid_members_are_refused_with_their_pointer() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let path = format!("{session}/jobs");
-    app.post(&path, json!({"plan": plan, "budget": {"max_wall_s": 10}})).await.problem(422, "not-available");
     let check = async |body, pointer| {
         let problem = app.post(&path, body).await.problem(422, "invalid-request");
         assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
@@ -73,6 +72,17 @@ async fn invalid_members_are_refused_with_their_pointer() {
     check(json!({"plan": session.rsplit('/').next().unwrap()}), "/plan").await;
     check(json!({"plan": plan, "attachment": {"tie_gap_mm": -1}}), "/attachment/tie_gap_mm").await;
     check(json!({"plan": plan, "speed": 1}), "/speed").await;
+    for (budget, pointer) in [
+        (json!({}), "/budget"),
+        (json!({"max_error_mm": 0}), "/budget/max_error_mm"),
+        (json!({"max_wall_s": 0.5}), "/budget/max_wall_s"),
+        (json!({"max_wall_s": 1e9}), "/budget/max_wall_s"),
+    ] {
+        check(json!({"plan": plan, "budget": budget}), pointer).await;
+    }
+    let budget = json!({"max_error_mm": 0.5});
+    check(json!({"plan": plan, "model": "linear", "budget": budget}), "/budget").await;
+    check(json!({"plan": plan, "locking": "smoothed", "budget": budget}), "/budget").await;
     // The skull is a box of eight vertices.
     let painted = |n: usize| json!({"plan": plan, "attachment": {"skull_classes": vec!["tied"; n]}});
     check(painted(7), "/attachment/skull_classes").await;

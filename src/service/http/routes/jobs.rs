@@ -9,6 +9,7 @@ use utoipa::IntoParams;
 use uuid::Uuid;
 
 use super::accepted::{accept_order, stored};
+use super::budget::{Given, keep_budget};
 use super::mesh_choice::mesh_of;
 use super::osteotomies::current_osteotomy;
 use super::plans;
@@ -79,12 +80,13 @@ pub(in crate::http) async fn create(
     } else {
         HEAD_LOCKING
     };
-    let request = request.resolved(&defaults, state.service.settings().max_wall, locking)?;
+    let given = Given { mesh: request.mesh.is_some(), locking: request.locking };
+    let mut request = request.resolved(&defaults, state.service.settings().max_wall, locking)?;
     let (supersede, max_wall_s, mesh_job) = (request.supersede, request.max_wall_s, request.mesh);
-    let steps = request.steps();
+    let (steps, subject) = (request.steps(), request.plan.to_string());
     let order = |content: String| Order {
         steps,
-        subject: Some(request.plan.to_string()),
+        subject: Some(subject.clone()),
         supersede,
         max_wall_s,
         ..Order::new(session, JobKind::Solve, content)
@@ -103,7 +105,9 @@ pub(in crate::http) async fn create(
         ));
     };
     let (osteotomy, bone) = current_osteotomy(&state, &parts, session, osteotomy, "/plan").await?;
-    let mesh = mesh_of(&state, &parts, session, osteotomy.id, &bone.cuts, mesh_job).await?;
+    let mut mesh = mesh_of(&state, &parts, session, osteotomy.id, &bone.cuts, mesh_job).await?;
+    let content = plans::content(&plan)?;
+    let budget = keep_budget(&parts, &mut request, &mut mesh, &content, given)?;
     let reference_job = request.reference_job.map(JobId::from);
     if let Some(id) = reference_job {
         check_reference(&state, &principal, id, &plan, &bone.cuts).await?;
@@ -111,12 +115,13 @@ pub(in crate::http) async fn create(
     let solve = SolveTask {
         request: lasting(&request),
         osteotomy_id: osteotomy.id,
-        plan: plans::content(&plan)?,
+        plan: content,
         cuts: bone.cuts,
         cut_warnings: bone.findings.iter().cloned().collect(),
         cut_s: osteotomy.wall_s,
         mesh_key: parts.mesh_key(&mesh.settings, mesh.cuts.as_deref())?,
         mesh,
+        budget,
         target: parts.get(PartKind::Target).map(|target| target.key.clone()),
         warm_start: None,
     };

@@ -10,6 +10,7 @@
 //! 5. Run `cargo run -- openapi > api/openapi.json`, and add a line to `api/CHANGELOG.md`.
 
 mod accepted;
+mod budget;
 mod compare;
 mod events;
 mod field;

@@ -2,6 +2,7 @@
 
 mod compare;
 mod comparison;
+mod estimate;
 mod field;
 mod import;
 mod mesh;

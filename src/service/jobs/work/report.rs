@@ -6,8 +6,8 @@ use serde_json::{Map, Value, json};
 use crate::requests::SolveTask;
 use crate::running::step_warning;
 use prosopon_contract::{
-    ClinicalDocument, CtDocument, ErrorDocument, Fault, FieldDocument, Findings, MeshDocument, PhasesDocument,
-    ReportDocument, ReportInput, StepDocument, SurfaceDocument, WarningDocument, from_json,
+    BudgetDocument, ClinicalDocument, CtDocument, ErrorDocument, Fault, FieldDocument, Findings, MeshDocument,
+    PhasesDocument, ReportDocument, ReportInput, StepDocument, SurfaceDocument, WarningDocument, from_json,
 };
 use prosopon_geometry::Warning;
 use prosopon_planning::evaluate::Clinical;
@@ -29,6 +29,8 @@ pub(super) struct Ingredients<'a> {
     pub(super) regions_from_landmarks: bool,
     pub(super) clinical: Option<&'a Clinical>,
     pub(super) solve_s: f64,
+    /// What was chosen for a budget, with what it cost.
+    pub(super) budget: Option<BudgetDocument>,
     pub(super) warnings: &'a [WarningDocument],
     /// Warnings from before the first step.
     pub(super) reported: &'a [WarningDocument],
@@ -62,6 +64,7 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         field: Some(field),
         mesh: i.mesh.clone(),
         tissue: None,
+        budget: i.budget.clone(),
         plan: i.request.plan.clone(),
         steps,
         left_out: (i.outcome.left_out.nodes > 0).then(|| i.outcome.left_out.into()),

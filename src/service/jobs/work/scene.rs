@@ -150,6 +150,7 @@ async fn report(
         field: None,
         mesh: None,
         tissue: Some(request.ready.clone()),
+        budget: None,
         plan: request.plan.clone(),
         steps,
         left_out: None,

@@ -1,25 +1,29 @@
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc;
 
 use super::compare::Reference;
+use super::estimate::Estimating;
 use super::report::{Ingredients, compile};
 use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
 use super::steps::{checkpoint, write_steps};
 use super::{Context, Done, changed_meanwhile, scene};
-use crate::requests::{SolveKind, SolveTask};
+use crate::requests::{MeshChoice, SolveKind, SolveTask};
 use crate::running::Phase;
-use prosopon_contract::{Halt, MeshDocument, WarningDocument, stored_cuts, to_json};
+use prosopon_contract::{BudgetDocument, Halt, MeshDocument, MeshRequest, WarningDocument, stored_cuts, to_json};
 use prosopon_geometry::Warning;
 use prosopon_planning::evaluate::Clinical;
 use prosopon_planning::simulate::Outcome;
+use prosopon_planning::simulate::budget::COARSER;
 use prosopon_session::{Run, SessionParts, key_of};
 use prosopon_store::{PartKind, encode_mesh};
 use prosopon_tissue::mesh::MeshReport;
 
 /// Share of the computation's progress that the steps take.
 const SOLVING: f64 = 0.98;
+/// The same when the error is estimated afterwards.
+const BEFORE_ESTIMATE: f64 = 0.7;
 
 /// Result of the computation on the pool.
 struct Solved {
@@ -29,6 +33,7 @@ struct Solved {
     mesh: Option<(MeshReport, f64)>,
     regions_from_landmarks: bool,
     clinical: Option<Clinical>,
+    budget: Option<BudgetDocument>,
     warnings: Vec<WarningDocument>,
 }
 
@@ -66,9 +71,12 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     let rest = context.put(rest).await?;
     context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
 
+    let estimating = request.budget.clone().map(|budget| estimating(&parts, &request, budget)).transpose()?;
+
     let (sender, receiver) = mpsc::channel(2);
     let beginning = Beginning { before, compared };
-    let computing = compute(context, run, request.request.wants_tissue(), reference, beginning, sender);
+    let extras = Extras { tissue: request.request.wants_tissue(), reference, estimating };
+    let computing = compute(context, run, extras, beginning, sender);
     let (solved, written) = tokio::join!(computing, write_steps(context, receiver));
     // A failed write cancels the solver, so report the reason of the write.
     written?;
@@ -104,17 +112,32 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
         regions_from_landmarks: solved.regions_from_landmarks,
         clinical: solved.clinical.as_ref(),
         solve_s: solved.solving.as_secs_f64(),
+        budget: solved.budget,
         warnings: &warnings,
         reported: &context.running.own_warnings(),
     };
     Ok(Done { report: Some(to_json("the report", &compile(&ingredients)?)?), tissue, warnings })
 }
 
+/// What is computed besides the steps.
+struct Extras {
+    /// Whether the deformed tissue is kept.
+    tissue: bool,
+    reference: Option<Reference>,
+    estimating: Option<Estimating>,
+}
+
+/// The budget with the coarser mesh by which its error is estimated.
+fn estimating(parts: &SessionParts, request: &SolveTask, budget: BudgetDocument) -> Result<Estimating, Halt> {
+    let MeshChoice { settings, cuts } = &request.mesh;
+    let coarser = MeshRequest { edge_mm: COARSER * settings.edge_mm, ..settings.clone() };
+    Ok(Estimating { budget, coarser: parts.tissue_request(&coarser, cuts.as_deref())? })
+}
+
 async fn compute(
     context: &Context,
     run: Run,
-    tissue: bool,
-    reference: Option<Reference>,
+    Extras { tissue, reference, estimating }: Extras,
     beginning: Beginning,
     steps: mpsc::Sender<FinishedStep>,
 ) -> Result<Solved, Halt> {
@@ -131,10 +154,14 @@ async fn compute(
             let cancel = control.stage(0.0, 0.0);
             let watch = SolveWatch::new(engine, cancel, running, steps, beginning);
             let mut watch = SolveWatch { reference, regions, mask, run: Some(&run), ..watch };
-            let outcome = engine.solve(&run, &control.stage(0.0, SOLVING), &mut watch)?;
+            let begin = Instant::now();
+            let solved = if estimating.is_some() { BEFORE_ESTIMATE } else { SOLVING };
+            let outcome = engine.solve(&run, &control.stage(0.0, solved), &mut watch)?;
             let solving = watch.solving + watch.step_began.elapsed();
+            let spent = begin.elapsed();
             let (mut warnings, mesh) = (watch.warnings, watch.mesh);
-            let clinical = match watch.last.map(|skin| engine.clinical(&run, &skin, &control.stage(SOLVING, SOLVING))) {
+            let last = watch.last.as_ref();
+            let clinical = match last.map(|skin| engine.clinical(&run, skin, &control.stage(solved, solved))) {
                 Some(Ok(clinical)) => Some(clinical),
                 Some(Err(Halt::Cancelled)) => return Err(Halt::Cancelled),
                 Some(Err(Halt::Fault(fault))) => {
@@ -145,9 +172,18 @@ async fn compute(
                 }
                 None => None,
             };
+            let budget = match estimating {
+                Some(estimating) => {
+                    let control = control.stage(solved, SOLVING);
+                    let (budget, found) = estimating.finish(engine, &run, last, [spent, solving], &control)?;
+                    warnings.extend(found.into_iter().map(WarningDocument::from));
+                    Some(budget)
+                }
+                None => None,
+            };
             let tissue =
                 tissue.then(|| engine.tissue_file(&run, &outcome.nodes, &control.stage(SOLVING, 1.0))).transpose()?;
-            Ok(Solved { outcome, tissue, solving, mesh, regions_from_landmarks, clinical, warnings })
+            Ok(Solved { outcome, tissue, solving, mesh, regions_from_landmarks, clinical, budget, warnings })
         })
         .await
 }

@@ -1,0 +1,178 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::check::Check;
+use super::material::LockingName;
+use super::solve::ModelName;
+use prosopon_planning::simulate::budget::{Choice, Grounds, Limits, Setting};
+
+/// Limits of the asked error, mm.
+const ERRORS_MM: [f64; 2] = [0.001, 10.0];
+
+/// Limits within which `auto` chooses mesh and elements; at least one of them.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Budget {
+    /// Largest acceptable numerical error, mm, 0.001 to 10.
+    ///
+    /// It is the 95th percentile, over the part of the face that moves, of the distance to the converged solution of the same
+    /// model. How far a patient's face will be from it is another question.
+    #[serde(default)]
+    pub max_error_mm: Option<f64>,
+    /// Longest acceptable time of mesh and path, s, at least 1. The job is not stopped by it: `max_wall_s` beside it does that.
+    #[serde(default)]
+    pub max_wall_s: Option<f64>,
+}
+
+impl Budget {
+    pub(super) fn check(&self, most_wall_s: f64, check: &mut Check) {
+        if let Some(error_mm) = self.max_error_mm {
+            check.number("/budget/max_error_mm", error_mm, ERRORS_MM[0], ERRORS_MM[1]);
+        }
+        if let Some(wall_s) = self.max_wall_s {
+            check.number("/budget/max_wall_s", wall_s, 1.0, most_wall_s);
+        }
+        if self.max_error_mm.is_none() && self.max_wall_s.is_none() {
+            check.fault("/budget", "names no limit: give `max_error_mm`, `max_wall_s` or both");
+        }
+    }
+}
+
+impl From<Budget> for Limits {
+    fn from(asked: Budget) -> Self {
+        Self { error_mm: asked.max_error_mm, wall_s: asked.max_wall_s }
+    }
+}
+
+/// Expected error and time of a setting, from the table of `prosopon bench budget`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ExpectedDocument {
+    /// Expected numerical error, mm.
+    pub error_mm: f64,
+    /// Error that 95 % of the table's scenes did not exceed, mm.
+    pub error_at_most_mm: f64,
+    /// Expected time of mesh and path on this machine, s.
+    pub wall_s: f64,
+    /// Time that 95 % of the table's scenes did not exceed, s.
+    pub wall_at_most_s: f64,
+}
+
+/// A setting that was not chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AlternativeDocument {
+    /// Edge length of the mesh, mm.
+    pub edge_mm: f64,
+    /// Locking-free formulation.
+    pub locking: LockingName,
+    /// What it would cost.
+    pub expected: ExpectedDocument,
+}
+
+/// The setting that was solved.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ChosenDocument {
+    /// Model.
+    pub model: ModelName,
+    /// Number of steps.
+    pub steps: u32,
+    /// Edge length of the mesh, mm.
+    pub edge_mm: f64,
+    /// Locking-free formulation.
+    pub locking: LockingName,
+}
+
+/// Numerical error, estimated by another solve on a coarser mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EstimateDocument {
+    /// Estimated numerical error, mm, defined as `max_error_mm`.
+    pub error_mm: f64,
+    /// 95th percentile of the distance between the two solutions over the part of the face that moves, mm.
+    pub distance_mm: f64,
+    /// Edge length of the coarser mesh, mm.
+    pub edge_mm: f64,
+    /// Time of the coarser mesh and its solve, s.
+    pub wall_s: f64,
+}
+
+/// What `auto` chose for a budget, and whether it was kept.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct BudgetDocument {
+    /// The request's limits.
+    pub asked: Budget,
+    /// What was solved.
+    pub chosen: ChosenDocument,
+    /// What it was expected to cost.
+    pub expected: ExpectedDocument,
+    /// Error estimated from the solution; absent where it could not be, which a warning explains.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub estimated: Option<EstimateDocument>,
+    /// Time that mesh and path took, s; absent before the job has ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spent_s: Option<f64>,
+    /// Reason for the choice.
+    pub why: String,
+    /// Settings that are faster or more accurate, in order of time.
+    pub alternatives: Vec<AlternativeDocument>,
+}
+
+impl From<&Setting> for ExpectedDocument {
+    fn from(s: &Setting) -> Self {
+        let rounded = |value: f64, digits: f64| (value * digits).round() / digits;
+        Self {
+            error_mm: rounded(s.error_mm, 1000.0),
+            error_at_most_mm: rounded(s.error_at_most_mm, 1000.0),
+            wall_s: rounded(s.wall_s, 10.0),
+            wall_at_most_s: rounded(s.wall_at_most_s, 10.0),
+        }
+    }
+}
+
+impl From<&Setting> for AlternativeDocument {
+    fn from(s: &Setting) -> Self {
+        Self { edge_mm: s.edge_mm, locking: s.locking.into(), expected: s.into() }
+    }
+}
+
+impl BudgetDocument {
+    /// The document of a choice, before the solve.
+    #[must_use]
+    pub fn new(asked: Budget, choice: &Choice, model: ModelName, steps: u32) -> Self {
+        let Setting { edge_mm, locking, .. } = choice.chosen;
+        let why = match choice.grounds {
+            Grounds::Fastest => "the fastest setting that is expected to keep the budget in 95 % of scenes",
+            Grounds::MostAccurateInTime => {
+                "the most accurate setting that is expected to end in time in 95 % of scenes"
+            }
+            Grounds::ErrorOutOfReach => {
+                "no setting that ends in time is expected to be this accurate in 95 % of scenes: the most accurate one"
+            }
+            Grounds::TimeOutOfReach => "no setting is expected to end in time in 95 % of scenes: the fastest one",
+        };
+        Self {
+            asked,
+            chosen: ChosenDocument { model, steps, edge_mm, locking: locking.into() },
+            expected: (&choice.chosen).into(),
+            estimated: None,
+            spent_s: None,
+            why: why.to_owned(),
+            alternatives: choice.alternatives.iter().map(Into::into).collect(),
+        }
+    }
+
+    /// Why the budget was not kept, or was not known to be; `None` when it was.
+    #[must_use]
+    pub fn missed(&self) -> Option<String> {
+        let mut missed = Vec::new();
+        if let (Some(asked), Some(found)) = (self.asked.max_error_mm, self.estimated)
+            && found.error_mm > asked
+        {
+            missed.push(format!("the estimated error is {:.2} mm, asked was {asked} mm", found.error_mm));
+        }
+        if let (Some(asked), Some(spent)) = (self.asked.max_wall_s, self.spent_s)
+            && spent > asked
+        {
+            missed.push(format!("mesh and path took {spent:.0} s, asked were {asked} s"));
+        }
+        (!missed.is_empty()).then(|| missed.join("; "))
+    }
+}

@@ -1,0 +1,50 @@
+use crate::http::Problem;
+use prosopon_contract::{BudgetDocument, Fault, FaultKind, LockingName, MeshRequest, PlanDocument, SolveRequest};
+use prosopon_jobs::MeshChoice;
+use prosopon_planning::simulate::budget::{Demand, KnownMesh, choose};
+use prosopon_session::SessionParts;
+use prosopon_store::PartKind;
+
+/// What a request gives, so that it is not chosen.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Given {
+    /// The mesh.
+    pub(super) mesh: bool,
+    /// The formulation.
+    pub(super) locking: Option<LockingName>,
+}
+
+/// Sets edge and formulation of a solve with a budget; `None` without one.
+pub(super) fn keep_budget(
+    parts: &SessionParts,
+    request: &mut SolveRequest,
+    mesh: &mut MeshChoice,
+    plan: &PlanDocument,
+    given: Given,
+) -> Result<Option<BudgetDocument>, Problem> {
+    let Some(asked) = request.budget else { return Ok(None) };
+    let demand = Demand {
+        displacement_mm: plan.reports.iter().map(|r| r.max_displacement_mm).fold(0.0, f64::max),
+        steps: request.steps(),
+        mesh: known_mesh(parts, mesh)?,
+        max_edge_mm: 0.5 * (mesh.settings.depth_mm - mesh.settings.skin_thickness_mm),
+        edge_mm: given.mesh.then_some(mesh.settings.edge_mm),
+        locking: given.locking.map(Into::into),
+    };
+    let choice = choose(&demand, asked.into()).ok_or_else(|| {
+        let detail = "a budget is kept with `locking` none or patched, and with a mesh at least 7.5 mm deep";
+        Fault::new(FaultKind::InvalidRequest, detail).at("/budget")
+    })?;
+    mesh.settings.edge_mm = choice.chosen.edge_mm;
+    request.locking = Some(choice.chosen.locking.into());
+    Ok(Some(BudgetDocument::new(asked, &choice, request.solved_model(), request.steps())))
+}
+
+/// The mesh that the session has, if it covers the same region.
+fn known_mesh(parts: &SessionParts, wanted: &MeshChoice) -> Result<Option<KnownMesh>, Fault> {
+    let (Some(part), Some(mesh)) = (parts.get(PartKind::Mesh), parts.mesh()?) else { return Ok(None) };
+    let but_edge = |settings: &MeshRequest| MeshRequest { edge_mm: 0.0, osteotomy: None, ..settings.clone() };
+    let is_alike = mesh.cuts == wanted.cuts && but_edge(&mesh.settings) == but_edge(&wanted.settings);
+    let known = KnownMesh { edge_mm: mesh.settings.edge_mm, nodes: mesh.nodes, wall_s: part.wall_s };
+    Ok(is_alike.then_some(known))
+}

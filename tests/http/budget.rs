@@ -1,0 +1,52 @@
+//! Budgets of `auto`, with the real numerics on a phantom.
+
+use serde_json::{Value, json};
+
+use crate::support::binary::Server;
+
+fn report(server: &Server, session: &str, plan: &Value, solve: Value) -> Value {
+    let mut request = solve;
+    request["plan"] = plan.clone();
+    let job = server.finish(&server.post(&format!("{session}/jobs"), &request));
+    server.get(&format!("/v1/jobs/{}/report", job["id"].as_str().unwrap())).ok()
+}
+
+/// With a generous error the fastest setting is chosen and its error estimated; within a second nothing can be done, which is
+/// said; a mesh that is named stays.
+#[test]
+fn a_budget_chooses_estimates_and_says_what_it_missed() {
+    let directory = tempfile::tempdir().unwrap();
+    let server = Server::start(directory.path(), &[]);
+    let session = server.session_with_field();
+    let (osteotomy, jaw) = server.cut(&session);
+    let waypoints = json!([{ "t": 1, "translation_mm": [0, -4, 0] }]);
+    let plan = json!({ "osteotomy": osteotomy, "paths": [{ "segment": jaw, "waypoints": waypoints }] });
+    let plan = server.post(&format!("{session}/plans"), &plan).ok()["id"].clone();
+
+    let loose = report(&server, &session, &plan, json!({ "steps": 2, "budget": { "max_error_mm": 10 } }));
+    let budget = &loose["budget"];
+    assert_eq!(budget["chosen"]["edge_mm"], loose["mesh"]["settings"]["edge_mm"], "{budget}");
+    assert_eq!(budget["chosen"]["locking"], loose["parameters"]["locking"], "{budget}");
+    let at = |pointer: &str| budget.pointer(pointer).and_then(Value::as_f64).unwrap();
+    assert_eq!(at("/estimated/edge_mm"), 1.25 * at("/chosen/edge_mm"));
+    assert!(at("/estimated/error_mm") > 0.0 && at("/estimated/error_mm") < 4.0, "{budget}");
+    for other in budget["alternatives"].as_array().unwrap() {
+        let [slower, better] = ["wall_s", "error_mm"].map(|name| {
+            let expected = &other["expected"][name];
+            (expected.as_f64().unwrap(), budget["expected"][name].as_f64().unwrap())
+        });
+        assert!(slower.0 > slower.1 && better.0 < better.1, "{other}");
+    }
+    let codes = |report: &Value| report["warnings"].to_string();
+    assert!(!codes(&loose).contains("budget-missed") && !codes(&loose).contains("error-not-estimated"));
+
+    // The mesh of before is built, so that the job itself names it.
+    let mesh =
+        server.finish(&server.post(&format!("{session}/mesh"), &json!({ "osteotomy": osteotomy, "edge_mm": 8 })));
+    let hasty = json!({ "steps": 2, "mesh": mesh["id"], "locking": "none", "budget": { "max_wall_s": 1 } });
+    let hasty = report(&server, &session, &plan, hasty);
+    assert_eq!(hasty["budget"]["chosen"]["edge_mm"], 8.0);
+    assert_eq!(hasty["budget"]["alternatives"], json!([]));
+    assert!(hasty["budget"].get("estimated").is_none(), "{}", hasty["budget"]);
+    assert!(codes(&hasty).contains("error-not-estimated"), "{}", codes(&hasty));
+}

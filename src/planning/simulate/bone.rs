@@ -70,9 +70,9 @@ impl CutBone {
         Aabb::of(self.osteotomy.segments.iter().filter(|s| s.id != 0).flat_map(|s| s.surface.positions()))
     }
 
-    /// Boxes around each segment that can move and may reach an orbit; all that can move where the teeth are not known.
-    pub(super) fn boxes_near_orbits(&self) -> Vec<Aabb> {
-        let movable = self.osteotomy.segments.iter().filter(|s| s.id != 0);
+    /// Boxes around each segment that can move, by its number, and may reach an orbit; all of these where the teeth are not known.
+    pub(super) fn boxes_near_orbits(&self, moves: impl Fn(u32) -> bool) -> Vec<Aabb> {
+        let movable = self.osteotomy.segments.iter().filter(|s| s.id != 0 && moves(s.id));
         let boxes = movable.filter_map(|s| Aabb::of(s.surface.positions()));
         let is_high = |part: &Aabb| {
             let top = Point::new(part.center().x, part.center().y, part.max.z);

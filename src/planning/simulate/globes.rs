@@ -6,11 +6,14 @@ use nalgebra::Matrix3;
 
 use super::tuning::{
     GLOBE_BONE_MM, GLOBE_FROM_RIM_MM, GLOBE_HEIGHT_SHARE, GLOBE_RADIUS_MM, LATERAL_RIM_MM, LID_MM, MAX_SUNK_MM,
-    ORBITS_ABOVE_ANS_MM, PRESSED_MM,
+    ORBITS_ABOVE_ANS_MM, PRESSED_MM, UNEVEN_MM,
 };
-use super::{Anatomy, CutBone};
+use super::{Anatomy, CutBone, TissueModel};
 use crate::plan::{Plan, Proposal, Segment};
 use prosopon_geometry::{Aabb, Implicit, Motion, Point, Severity, Vector, Warning};
+
+/// Instants of a path at which bone is compared with the globes, besides its waypoints.
+const INSTANTS: u32 = 20;
 
 /// A globe at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,6 +89,7 @@ pub(super) fn place_globes(
         }
     }
     let mut warnings: Vec<Warning> = placed(&globes, &proposed).into_iter().collect();
+    warnings.extend(uneven(&globes));
     // A fault is of no concern to an operation below the orbits.
     let top = reach.parts.iter().map(|part| part.max.z).fold(f64::NEG_INFINITY, f64::max);
     let is_high = at("ans").is_ok_and(|ans| top > ans.z + ORBITS_ABOVE_ANS_MM);
@@ -122,17 +126,31 @@ fn placed(globes: &[Globe], proposed: &[String]) -> Option<Warning> {
     })
 }
 
-/// Says which moving bone is pressed into which globe by more than at rest, at the steps of the path; `t` ascends to 1.
-pub(super) fn pressed(globes: &[Globe], bone: &CutBone, plan: &Plan, t: impl Iterator<Item = f64>) -> Vec<Warning> {
-    let moved: Vec<(f64, Vec<(u32, Motion)>)> = t.map(|t| (t, plan.motions(t))).collect();
+/// Findings about the globes of a solve that its mesh does not know: what moves, and how far.
+///
+/// Says which moving bone is pressed how deep into which globe along the plan, and that globes are missing where they are
+/// needed, for a mesh that was built without knowing the cuts.
+#[must_use]
+pub fn globe_warnings(tissue: &TissueModel, bone: &CutBone, plan: &Plan) -> Vec<Warning> {
+    let near = bone.boxes_near_orbits(|id| plan.paths.iter().any(|p| p.segment() == id));
+    let unknown = |w: &&Warning| w.code == "globes-not-placed" && w.severity == Severity::Info && !near.is_empty();
+    let missing = tissue.report.warnings.iter().filter(unknown);
+    let missing = missing.map(|w| Warning { severity: Severity::Check, ..w.clone() });
+    missing.chain(pressed(&tissue.globes, bone, plan)).collect()
+}
+
+/// Says which moving bone comes deeper into which globe than it is at rest.
+fn pressed(globes: &[Globe], bone: &CutBone, plan: &Plan) -> Vec<Warning> {
+    let turns = plan.paths.iter().flat_map(|path| path.waypoints().iter().map(|w| w.0));
+    let instants: Vec<f64> = (1..=INSTANTS).map(|k| f64::from(k) / f64::from(INSTANTS)).chain(turns).collect();
+    let moved: Vec<(f64, Vec<(u32, Motion)>)> = instants.iter().map(|t| (*t, plan.motions(*t))).collect();
     let pairs = globes.iter().flat_map(|globe| bone.osteotomy.segments.iter().map(move |segment| (globe, segment)));
     let deepest = pairs.filter_map(|(globe, segment)| {
-        let gap_after = |motion: &Motion| {
-            segment.surface.positions().iter().map(|p| globe.distance(&(motion * p))).fold(f64::INFINITY, f64::min)
-        };
+        // Each point against itself: bone that is in the globe at rest excuses no other.
+        let deeper = |p: &Point, motion: &Motion| globe.distance(p).min(0.0) - globe.distance(&(motion * p));
+        let of = |motion: &Motion| segment.surface.positions().iter().map(|p| deeper(p, motion)).fold(0.0, f64::max);
         let motions = moved.iter().filter_map(|(t, all)| Some((*t, all.iter().find(|m| m.0 == segment.id)?.1)));
-        let (gap, t) = motions.map(|(t, m)| (gap_after(&m), t)).min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let depth = gap_after(&Motion::identity()).min(0.0) - gap;
+        let (depth, t) = motions.map(|(t, m)| (of(&m), t)).max_by(|a, b| a.0.total_cmp(&b.0))?;
         (depth > PRESSED_MM).then_some((globe, segment, depth, t))
     });
     let warning = |(globe, segment, depth, t): (&Globe, &Segment, f64, f64)| {
@@ -142,10 +160,24 @@ pub(super) fn pressed(globes: &[Globe], bone: &CutBone, plan: &Plan, t: impl Ite
              no way, so tissue between them is crushed",
             segment.label()
         );
-        let action = "Check which walls of the orbit the cuts take along; shorten the path, or build the mesh with `globes: false`.";
+        let action = "Check which walls of the orbit the cuts take along; shorten the path, or build the mesh with \
+                      `globes: false`.";
         Warning::check("globe-pressed", message).act(action)
     };
     deepest.map(warning).collect()
+}
+
+/// Warning that one globe lies much higher or farther back than the other.
+fn uneven(globes: &[Globe]) -> Option<Warning> {
+    let [left, right] = globes else { return None };
+    let [_, back, up] = (left.center - right.center).map(f64::abs).into();
+    (up.max(back) > UNEVEN_MM).then(|| {
+        let message = format!(
+            "one globe lies {up:.0} mm higher and {back:.0} mm farther back than the other, which faces rarely show"
+        );
+        Warning::check("globes-uneven", message)
+            .act("Check the landmarks `orbitale_*` and `frontomalare_*` of both sides.")
+    })
 }
 
 /// Side of the patient.

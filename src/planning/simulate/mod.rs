@@ -23,7 +23,7 @@ pub use attach::{Attached, AttachmentRules, Beyond, NodeClass, Paint, SkullPaint
 pub use bone::{CutBone, cut_bone, segment_fields};
 pub use error::SimulateError;
 pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_around};
-pub use globes::Globe;
+pub use globes::{Globe, globe_warnings};
 pub use mouth::Mouth;
 pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;

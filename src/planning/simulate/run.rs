@@ -1,5 +1,4 @@
 use super::attach::{AttachResult, Attached, attach, is_moved, open_ends};
-use super::globes::pressed;
 use super::reach::{BoneMotion, beyond_reach, displacement_class_mm};
 use super::skin_mover::SkinMover;
 use super::tuning::{MAX_BORDER_MM, SETUP_SHARE, WARN_BORDER, WARN_BORDER_MM};
@@ -259,7 +258,6 @@ pub fn solve_prepared(
         let checkpoint = || Some(PathCheckpoint { k, begin: begin.clone(), solver: solver.checkpoint()? });
         on_frame(frame(skin, &last, k, share(k), report)?, &checkpoint);
     }
-    warnings.extend(pressed(&tissue.globes, bone, request.plan, (1..=settings.steps).map(share)));
     warnings.extend(steps.last().and_then(|s: &StepReport| s.bone_penetration?.warning()));
     let FaceRegions { regions: face, from_landmarks } =
         face_regions(&anatomy.skin, &anatomy.landmarks, anatomy.midline_x_mm);

@@ -148,8 +148,8 @@ pub fn build_tissue(
 fn orbit_reach(bone: Option<&CutBone>, region: &Aabb) -> Reach {
     let (parts, known) = match bone {
         None => (vec![*region], Known::Nothing),
-        Some(bone) if bone.osteotomy.arch.is_none() => (bone.boxes_near_orbits(), Known::Segments),
-        Some(bone) => (bone.boxes_near_orbits(), Known::NearOrbits),
+        Some(bone) if bone.osteotomy.arch.is_none() => (bone.boxes_near_orbits(|_| true), Known::Segments),
+        Some(bone) => (bone.boxes_near_orbits(|_| true), Known::NearOrbits),
     };
     Reach { parts, region: *region, known }
 }

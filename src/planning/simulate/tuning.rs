@@ -74,6 +74,8 @@ pub(super) const LID_MM: f64 = 3.0;
 pub(super) const MAX_SUNK_MM: f64 = 8.0;
 /// Depth of bone inside a globe that is believed, mm: landmarks and thin walls of orbits are not known better.
 pub(super) const GLOBE_BONE_MM: f64 = 4.0;
+/// Globes that differ more in height or depth are reported, mm: orbits of one face differ by 1 to 3 mm.
+pub(super) const UNEVEN_MM: f64 = 5.0;
 /// Moving bone may come this much deeper into a globe than at rest before it is reported, mm: globes are placed no better.
 pub(super) const PRESSED_MM: f64 = 1.0;
 /// Least height of the lateral rim above the lowest point of the orbit that is believed, and the greatest distance upwards and

@@ -288,6 +288,7 @@ impl Engine for Numerics {
             let lacks = simulate::region_warning(&run.case.anatomy, &bone, &moving, &run.tissue.settings);
             lacks.into_iter().for_each(|warning| watch.warning(warning));
         }
+        simulate::globe_warnings(&tissue, &bone, &run.plan).into_iter().for_each(|warning| watch.warning(warning));
         // Before the solve, so that they are there when it fails.
         let solver = &run.settings.solver;
         let materials = [solver.stiffness_warnings(&tissue.mesh), solver.stability_warnings(&tissue.mesh)];

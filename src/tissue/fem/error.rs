@@ -15,8 +15,8 @@ pub enum SolveError {
     },
     /// Newton did not converge even with the shortest substep.
     #[error(
-        "no equilibrium at {path_share:.4} of the path: residual {residual_n:.3e} N, allowed {tolerance_n:.3e} N, after \
-         {iterations} iterations"
+        "no equilibrium at {path_share:.4} of the path after {iterations} iterations: {}",
+        unbalanced(*residual_n, *tolerance_n)
     )]
     NotConverged {
         /// Path parameter, 0 to 1.
@@ -116,4 +116,13 @@ pub enum SolveError {
     /// Cancelled by the caller.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+}
+
+/// Which of the two tests of an equilibrium is not met: that of the forces, or that of the points.
+fn unbalanced(residual_n: f64, tolerance_n: f64) -> String {
+    if residual_n > tolerance_n {
+        format!("residual {residual_n:.3e} N, allowed {tolerance_n:.3e} N")
+    } else {
+        format!("forces balance (residual {residual_n:.3e} N), but points still move from one iteration to the next")
+    }
 }

@@ -174,7 +174,7 @@ fn bone_that_is_pressed_into_a_globe_is_reported() {
     let (_, fields) = plate();
     let (bone, rim) = rim_of(&fields);
     let globe = Globe::in_orbit(Side::Left, [ORBITALE, LATERAL], &behind(-40.0), &nothing()).unwrap();
-    let found = |plan: &Plan| pressed(&[globe], &bone, plan, [0.5, 1.0].into_iter());
+    let found = |plan: &Plan| pressed(&[globe], &bone, plan);
     for harmless in [moved(rim, 0.0, -15.0), moved(rim, 5.5, 0.0), Plan { paths: Vec::new() }] {
         assert_eq!(found(&harmless), []);
     }
@@ -183,6 +183,42 @@ fn bone_that_is_pressed_into_a_globe_is_reported() {
     let depth = warnings[0].message.split(" mm deep").next().and_then(|s| s.rsplit(' ').next()).unwrap();
     // The bone is cut on a lattice of 2 mm.
     assert!((depth.parse::<f64>().unwrap() - 4.0).abs() < 0.3, "{}", warnings[0].message);
+}
+
+/// A way round, with both ends at harmless places.
+#[test]
+fn bone_that_passes_through_a_globe_on_its_way_is_reported() {
+    let (_, fields) = plate();
+    let (bone, rim) = rim_of(&fields);
+    let globe = Globe { center: Point::new(31.0, -25.0, 20.4), radius_mm: 12.0 };
+    let waypoints = vec![(0.33, Motion::translation(0.0, 0.0, 10.0)), (1.0, Motion::translation(0.0, -1.0, 0.0))];
+    let plan = Plan { paths: vec![Path::new(rim, waypoints).unwrap()] };
+    let warnings = pressed(&[globe], &bone, &plan);
+    assert!(warnings[0].message.contains("at 0.33 of its path"), "{warnings:?}");
+}
+
+#[test]
+fn globes_at_different_heights_are_reported() {
+    let at = |x: f64, z: f64| Globe { center: Point::new(x, -25.0, z), radius_mm: 12.0 };
+    assert!(uneven(&[at(31.0, 20.0), at(-31.0, 24.0)]).is_none() && uneven(&[at(31.0, 20.0)]).is_none());
+    let found = uneven(&[at(31.0, 20.0), at(-31.0, 9.0)]).unwrap();
+    assert!(found.code == "globes-uneven" && found.message.contains("11 mm higher"), "{found:?}");
+}
+
+/// A mesh that was built before the cuts were known has no globes; a plan that moves the orbit makes that a matter to check.
+#[test]
+fn globes_that_a_plan_turns_out_to_need_are_reported() {
+    let (mut anatomy, fields) = plate();
+    anatomy.landmarks.clear();
+    let (bone, rim) = rim_of(&fields);
+    let mesh = MeshSettings { edge_mm: 8.0, depth_mm: 70.0, ..MeshSettings::default() };
+    let settings = TissueSettings { mesh, ..TissueSettings::default() };
+    let mut tissue = build_tissue(&anatomy, &fields, None, &settings, &Control::new()).unwrap();
+    let note = Warning { severity: Severity::Info, ..not_placed("`orbitale_left` was not found") };
+    tissue.report.warnings = vec![note];
+    let found = globe_warnings(&tissue, &bone, &moved(rim, 0.0, -5.0));
+    assert!(found.len() == 1 && found[0].severity == Severity::Check, "{found:?}");
+    assert_eq!(globe_warnings(&tissue, &bone, &Plan { paths: Vec::new() }), []);
 }
 
 /// The rim of an orbit moves forward, as in a Le Fort III: the lid stays with the globe.

@@ -277,7 +277,7 @@ pub(super) struct BudgetArguments {
     /// Time limit of a solve, s.
     #[arg(long, default_value_t = 600.0)]
     limit_s: f64,
-    /// CSV file to write.
+    /// CSV file to write; the chart is written next to it.
     #[arg(long, default_value = "budget.csv")]
     csv: PathBuf,
 }

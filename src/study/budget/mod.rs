@@ -1,6 +1,8 @@
 //! What a finer mesh and another formulation cost and bring: the table by which `auto` keeps a budget.
 
 mod fit;
+mod kept;
+mod picture;
 
 use std::io::Write;
 use std::path::Path;
@@ -15,6 +17,7 @@ use prosopon_geometry::Motion;
 use prosopon_geometry::control::Control;
 use prosopon_planning::evaluate::{between_solutions, face_regions};
 use prosopon_planning::plan::{Plan, propose};
+use prosopon_planning::simulate::budget::{Demand, KnownMesh};
 use prosopon_planning::simulate::{CutBone, Fields, FieldsSettings, TissueSettings, build_fields};
 use prosopon_tissue::fem::Locking;
 use prosopon_tissue::mesh::MeshSettings;
@@ -40,7 +43,7 @@ pub struct BudgetStudy<'a> {
     pub reference_mm: f64,
     /// Time limit of a solve, s.
     pub limit_s: f64,
-    /// CSV file to write.
+    /// CSV file to write; the chart has the same name with `.svg`.
     pub csv: &'a Path,
 }
 
@@ -51,6 +54,7 @@ struct Row {
     locking: Locking,
     edge_mm: f64,
     displacement_mm: f64,
+    steps: u32,
     nodes: usize,
     mesh_s: f64,
     solve_s: f64,
@@ -76,9 +80,11 @@ impl BudgetStudy<'_> {
             for operation in operations::all().iter().filter(|o| self.includes(&o.name)) {
                 self.scene(&source.name(), &head, &fields, operation, &mut rows, out)?;
                 write(self.csv, csv(&rows).as_bytes())?;
+                write(&self.csv.with_extension("svg"), picture::draw(&rows)?.as_bytes())?;
             }
         }
-        fit::print(&rows, out)
+        fit::print(&rows, out)?;
+        kept::print(&rows, out)
     }
 
     fn includes(&self, operation: &str) -> bool {
@@ -145,6 +151,7 @@ impl BudgetStudy<'_> {
                     locking,
                     edge_mm,
                     displacement_mm: largest_displacement_mm(&scene.bone, &plan),
+                    steps: operation.steps as u32,
                     nodes: scene.tissue.report.nodes,
                     mesh_s: scene.prepare_s,
                     solve_s: found.solve_s,
@@ -170,6 +177,18 @@ impl BudgetStudy<'_> {
     }
 }
 
+/// What is known of a scene once its first mesh is built.
+fn demand_of(row: &Row) -> Demand {
+    Demand {
+        displacement_mm: row.displacement_mm,
+        steps: row.steps,
+        mesh: Some(KnownMesh { edge_mm: row.edge_mm, nodes: row.nodes, wall_s: row.mesh_s }),
+        max_edge_mm: f64::INFINITY,
+        edge_mm: None,
+        locking: None,
+    }
+}
+
 /// The farthest that bone moves at the end of the plan, mm.
 fn largest_displacement_mm(bone: &CutBone, plan: &Plan) -> f64 {
     let of = |(id, motion): &(u32, Motion)| {
@@ -182,15 +201,17 @@ fn largest_displacement_mm(bone: &CutBone, plan: &Plan) -> f64 {
 
 fn csv(rows: &[Row]) -> String {
     let mut text =
-        "head,operation,locking,edge_mm,displacement_mm,nodes,mesh_s,solve_s,error_mm,to_coarser_mm,fault\n".to_owned();
+        "head,operation,locking,edge_mm,displacement_mm,steps,nodes,mesh_s,solve_s,error_mm,to_coarser_mm,fault\n"
+            .to_owned();
     for r in rows {
         text += &format!(
-            "{},{},{},{},{:.2},{},{:.1},{:.1},{:.4},{:.4},\"{}\"\n",
+            "{},{},{},{},{:.2},{},{},{:.1},{:.1},{:.4},{:.4},\"{}\"\n",
             r.head,
             r.operation.replace(',', ";"),
             locking_name(r.locking),
             r.edge_mm,
             r.displacement_mm,
+            r.steps,
             r.nodes,
             r.mesh_s,
             r.solve_s,

@@ -1,15 +1,17 @@
+mod heads;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
+use heads::{AssumptionArguments, BudgetArguments, OperationArguments, ProposalArguments, RatioArguments};
 use prosopon_field::{FieldSettings, Method, MethodSettings, Tolerance};
-use prosopon_planning::simulate::Mouth;
 use prosopon_study::{
-    AssumptionStudy, BoundStudy, BudgetStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy,
-    HeadSource, ModelCase, ModelStudy, OperationStudy, ProposalStudy, RatioStudy, ReachStudy, ServiceStudy, SlabCase,
-    SolverGrowthStudy, StabilityStudy, TruthStudy, WarmStartStudy, evaluate, run_model_cases, run_slab_case,
+    BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy,
+    ReachStudy, ServiceStudy, SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, WarmStartStudy, evaluate,
+    run_model_cases, run_slab_case,
 };
 
 /// Studies of `prosopon bench`.
@@ -213,98 +215,6 @@ pub(super) struct ModelArguments {
 }
 
 #[derive(Debug, Args)]
-pub(super) struct ProposalArguments {
-    /// Heads as for `operations`.
-    #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
-    heads: Vec<HeadSource>,
-}
-
-#[derive(Debug, Args)]
-pub(super) struct OperationArguments {
-    /// Heads: `phantom`, `phantom-long`, `phantom-narrow`, or folders as for `models`; missing landmarks are proposed.
-    #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
-    heads: Vec<HeadSource>,
-    /// Models as model:locking:edge, edge length in mm.
-    #[arg(long, value_delimiter = ',', default_value = "nonlinear:none:4")]
-    cases: Vec<ModelCase>,
-    /// Run only operations whose name contains this text.
-    #[arg(long)]
-    only: Option<String>,
-    /// Time limit of a solve, s.
-    #[arg(long, default_value_t = 180.0)]
-    limit_s: f64,
-    /// The lips part, where the crease between them is found.
-    #[arg(long)]
-    part_lips: bool,
-    /// CSV file to write; the chart is written next to it.
-    #[arg(long, default_value = "operations.csv")]
-    csv: PathBuf,
-}
-
-#[derive(Debug, Args)]
-pub(super) struct AssumptionArguments {
-    /// Heads: `phantom`, `phantom-long`, `phantom-narrow`, or folders as for `models`; missing landmarks are proposed.
-    #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
-    heads: Vec<HeadSource>,
-    /// Names of operations as in `operations` [default: one of each kind].
-    #[arg(long, value_delimiter = ';')]
-    operations: Vec<String>,
-    /// Run only choices whose name contains one of these texts.
-    #[arg(long, value_delimiter = ';')]
-    only: Vec<String>,
-    /// Time limit of a solve, s.
-    #[arg(long, default_value_t = 180.0)]
-    limit_s: f64,
-    /// CSV file to write; the chart is written next to it.
-    #[arg(long, default_value = "assumptions.csv")]
-    csv: PathBuf,
-}
-
-#[derive(Debug, Args)]
-pub(super) struct BudgetArguments {
-    /// Heads as for `operations`.
-    #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-narrow")]
-    heads: Vec<HeadSource>,
-    /// Names of operations as in `operations` [default: a Le Fort I, a split osteotomy and a genioplasty].
-    #[arg(long, value_delimiter = ';')]
-    operations: Vec<String>,
-    /// Edge lengths of the meshes, mm, from coarse to fine.
-    #[arg(long, value_delimiter = ',', default_value = "7,5.5,4.5,3.7")]
-    edges_mm: Vec<f64>,
-    /// Edge length of the reference, mm.
-    #[arg(long, default_value_t = 3.0)]
-    reference_mm: f64,
-    /// Time limit of a solve, s.
-    #[arg(long, default_value_t = 600.0)]
-    limit_s: f64,
-    /// CSV file to write; the chart is written next to it.
-    #[arg(long, default_value = "budget.csv")]
-    csv: PathBuf,
-}
-
-#[derive(Debug, Args)]
-pub(super) struct RatioArguments {
-    /// Heads as for `operations`.
-    #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
-    heads: Vec<HeadSource>,
-    /// Model as model:locking:edge, edge length in mm.
-    #[arg(long, default_value = "nonlinear:none:4")]
-    case: ModelCase,
-    /// Run only operations whose name contains this text.
-    #[arg(long)]
-    only: Option<String>,
-    /// Time limit of a solve, s.
-    #[arg(long, default_value_t = 180.0)]
-    limit_s: f64,
-    /// The lips part, where the crease between them is found.
-    #[arg(long)]
-    part_lips: bool,
-    /// CSV file to write; the chart is written next to it.
-    #[arg(long, default_value = "ratios.csv")]
-    csv: PathBuf,
-}
-
-#[derive(Debug, Args)]
 pub(super) struct ReachArguments {
     /// `phantom`, or a folder as for `models`.
     #[arg(long)]
@@ -429,28 +339,11 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             _ => SolverGrowthStudy { csv: &a.csv, sizes: usize::from(a.sizes) }.run(out)?,
         },
         BenchCommand::Service(a) => run_service(a, out)?,
-        BenchCommand::Proposals(a) => ProposalStudy { heads: &a.heads }.run(out)?,
-        BenchCommand::Operations(a) => {
-            let (only, limit_s) = (a.only.as_deref(), a.limit_s);
-            let (heads, mouth) = (a.heads.as_slice(), mouth(a.part_lips));
-            if !(OperationStudy { heads, cases: &a.cases, only, mouth, limit_s, csv: &a.csv }.run(out)?) {
-                return Err("a goal is missed: 97 % of solves reliable, slowest within 60 s, median within 10 s".into());
-            }
-        }
-        BenchCommand::Budget(a) => {
-            let BudgetArguments { heads, operations, edges_mm, reference_mm, limit_s, csv } = a;
-            let (reference_mm, limit_s) = (*reference_mm, *limit_s);
-            BudgetStudy { heads, operations, edges_mm, reference_mm, limit_s, csv }.run(out)?;
-        }
-        BenchCommand::Assumptions(a) => {
-            let (operations, only) = (a.operations.as_slice(), a.only.as_slice());
-            AssumptionStudy { heads: &a.heads, operations, only, limit_s: a.limit_s, csv: &a.csv }.run(out)?;
-        }
-        BenchCommand::Ratios(a) => {
-            let (only, limit_s) = (a.only.as_deref(), a.limit_s);
-            let mouth = mouth(a.part_lips);
-            RatioStudy { heads: &a.heads, case: &a.case, only, mouth, limit_s, csv: &a.csv }.run(out)?;
-        }
+        BenchCommand::Proposals(a) => a.run(out)?,
+        BenchCommand::Operations(a) => a.run(out)?,
+        BenchCommand::Budget(a) => a.run(out)?,
+        BenchCommand::Assumptions(a) => a.run(out)?,
+        BenchCommand::Ratios(a) => a.run(out)?,
         BenchCommand::Stability(a) => {
             if !(StabilityStudy { csv: &a.csv, only: a.only.as_deref() }.run(out)?) {
                 return Err("a result is wrong without a warning: see the rows with the verdict `wrong`".into());
@@ -524,8 +417,4 @@ fn settings(a: &FieldArguments) -> MethodSettings {
         resolution: a.resolution,
         tolerance: a.tolerance.map_or(defaults.tolerance, Tolerance::Relative),
     }
-}
-
-fn mouth(part_lips: bool) -> Mouth {
-    if part_lips { Mouth::Auto } else { Mouth::Glued }
 }

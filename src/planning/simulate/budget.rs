@@ -132,8 +132,10 @@ const ELEMENTS: [Elements; 2] = [
 ];
 /// Edges to choose from, mm: those that were studied.
 const EDGES_MM: [f64; 4] = [7.0, 5.5, 4.5, 3.7];
-/// Trust in the time of a known mesh as a measure of the machine.
-const MACHINE: [f64; 2] = [0.25, 8.0];
+/// How far the time of a known mesh may change what is expected of this machine.
+const MACHINE: [f64; 2] = [0.5, 2.0];
+/// Below this share of the usual time a mesh came from a cache and tells nothing of the machine.
+const CACHED: f64 = 0.25;
 
 /// Estimated error of a solve, mm, whose skin lies at `distance_mm` from that on a mesh with [`COARSER`] edges.
 #[must_use]
@@ -179,8 +181,8 @@ impl Elements {
         let of_region = demand.mesh.map_or(1.0, |known| known.nodes as f64 / nodes_of(known.edge_mm));
         let nodes = of_region * nodes_of(edge_mm) / NODES;
         let machine = demand.mesh.map_or(1.0, |known| {
-            let [least, most] = MACHINE;
-            (known.wall_s / MESH.at(known.nodes as f64 / NODES)).clamp(least, most)
+            let ([least, most], times) = (MACHINE, known.wall_s / MESH.at(known.nodes as f64 / NODES));
+            if times < CACHED { 1.0 } else { times.clamp(least, most) }
         });
         let is_built = demand.mesh.is_some_and(|known| known.edge_mm == edge_mm);
         let mesh_s = if is_built { 0.0 } else { machine * MESH.at(nodes) };
@@ -266,6 +268,9 @@ mod tests {
         let nodes = NODES_BY_EDGE.at(5.0 / EDGE_MM).round();
         assert!((at(nodes, 1.0) / settings(&usual)[0].wall_s - 1.0).abs() < 1e-3);
         assert!((at(nodes, 2.0) / at(nodes, 1.0) - 2.0).abs() < 1e-9);
+        // From a cache, and after attempts that failed.
+        assert_eq!(at(nodes, 0.001), at(nodes, 1.0));
+        assert_eq!(at(nodes, 9.0), at(nodes, 2.0));
         assert!(at(2.0 * nodes, 1.0) > 1.5 * at(nodes, 1.0));
     }
 }

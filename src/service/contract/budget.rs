@@ -4,7 +4,7 @@ use utoipa::ToSchema;
 use super::check::Check;
 use super::material::LockingName;
 use super::solve::ModelName;
-use prosopon_planning::simulate::budget::{Choice, Grounds, Limits, Setting};
+use prosopon_planning::simulate::budget::{Choice, Grounds, Setting};
 
 /// Limits of the asked error, mm.
 const ERRORS_MM: [f64; 2] = [0.001, 10.0];
@@ -19,7 +19,9 @@ pub struct Budget {
     /// model. How far a patient's face will be from it is another question.
     #[serde(default)]
     pub max_error_mm: Option<f64>,
-    /// Longest acceptable time of mesh and path, s, at least 1. The job is not stopped by it: `max_wall_s` beside it does that.
+    /// Longest acceptable time of mesh and path, s, at least 1; the job's `max_wall_s` counts too.
+    ///
+    /// It does not stop the job, and the estimate of the error comes on top of it.
     #[serde(default)]
     pub max_wall_s: Option<f64>,
 }
@@ -35,12 +37,6 @@ impl Budget {
         if self.max_error_mm.is_none() && self.max_wall_s.is_none() {
             check.fault("/budget", "names no limit: give `max_error_mm`, `max_wall_s` or both");
         }
-    }
-}
-
-impl From<Budget> for Limits {
-    fn from(asked: Budget) -> Self {
-        Self { error_mm: asked.max_error_mm, wall_s: asked.max_wall_s }
     }
 }
 
@@ -106,7 +102,7 @@ pub struct BudgetDocument {
     /// Error estimated from the solution; absent where it could not be, which a warning explains.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub estimated: Option<EstimateDocument>,
-    /// Time that mesh and path took, s; absent before the job has ended.
+    /// Time that mesh and path took, s, without error maps and the estimate; absent before the job has ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spent_s: Option<f64>,
     /// Reason for the choice.
@@ -143,8 +139,11 @@ impl BudgetDocument {
             Grounds::MostAccurateInTime => {
                 "the most accurate setting that is expected to end in time in 95 % of scenes"
             }
-            Grounds::ErrorOutOfReach => {
+            Grounds::ErrorOutOfReach if asked.max_wall_s.is_some() => {
                 "no setting that ends in time is expected to be this accurate in 95 % of scenes: the most accurate one"
+            }
+            Grounds::ErrorOutOfReach => {
+                "no setting is expected to be this accurate in 95 % of scenes: the most accurate one"
             }
             Grounds::TimeOutOfReach => "no setting is expected to end in time in 95 % of scenes: the fastest one",
         };
@@ -166,12 +165,12 @@ impl BudgetDocument {
         if let (Some(asked), Some(found)) = (self.asked.max_error_mm, self.estimated)
             && found.error_mm > asked
         {
-            missed.push(format!("the estimated error is {:.2} mm, asked was {asked} mm", found.error_mm));
+            missed.push(format!("the estimated error is {:.3} mm, asked was {asked} mm", found.error_mm));
         }
         if let (Some(asked), Some(spent)) = (self.asked.max_wall_s, self.spent_s)
             && spent > asked
         {
-            missed.push(format!("mesh and path took {spent:.0} s, asked were {asked} s"));
+            missed.push(format!("mesh and path took {spent:.1} s, asked were {asked} s"));
         }
         (!missed.is_empty()).then(|| missed.join("; "))
     }

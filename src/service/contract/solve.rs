@@ -180,8 +180,9 @@ pub struct SolveRequest {
     pub warm_start: Option<Uuid>,
     /// Limits within which `auto` chooses edge length and elements, where the request does not give them.
     ///
-    /// The report's `budget` says what was chosen and why, and the error estimated afterwards, which takes about half as long
-    /// as the solve. The mesh is the one that `mesh` names, or has the settings of the newest mesh and the chosen edge.
+    /// The report's `budget` says what was chosen and why, and the error estimated afterwards by a second solve on a coarser
+    /// mesh (phase `estimate`), which takes about as long as mesh and path. The mesh is the one that `mesh` names, or has the
+    /// settings of the newest mesh and the chosen edge; a later job with `warm_start` needs it as a `mesh` job of its own.
     #[serde(default)]
     pub budget: Option<Budget>,
     /// Results to keep besides the report; `skin` and `error` when absent.

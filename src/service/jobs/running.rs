@@ -20,13 +20,23 @@ pub(super) enum Phase {
     Cut,
     Mesh,
     Solve,
+    Estimate,
     Compare,
     Writing,
 }
 
 impl Phase {
-    const ALL: [Self; 8] =
-        [Self::Reading, Self::Surfaces, Self::Field, Self::Cut, Self::Mesh, Self::Solve, Self::Compare, Self::Writing];
+    const ALL: [Self; 9] = [
+        Self::Reading,
+        Self::Surfaces,
+        Self::Field,
+        Self::Cut,
+        Self::Mesh,
+        Self::Solve,
+        Self::Estimate,
+        Self::Compare,
+        Self::Writing,
+    ];
 
     pub(super) fn as_str(self) -> &'static str {
         match self {
@@ -36,6 +46,7 @@ impl Phase {
             Self::Cut => "cut",
             Self::Mesh => "mesh",
             Self::Solve => "solve",
+            Self::Estimate => "estimate",
             Self::Compare => "compare",
             Self::Writing => "writing",
         }

@@ -112,7 +112,7 @@ pub trait Engine: Debug + Send + Sync {
 
     /// Distance between `moved`, the skin at the end of `run`, and that of the same run on another tissue mesh, mm.
     ///
-    /// It is the 95th percentile over the part of the face that moves; the error is why it is not known.
+    /// It is the 95th percentile over the part of the face that moves; `None` when none does.
     ///
     /// # Errors
     /// [`Halt`].
@@ -122,7 +122,7 @@ pub trait Engine: Debug + Send + Sync {
         moved: &TriMesh,
         other: &TissueRequest,
         control: &Control,
-    ) -> Result<f64, Halt>;
+    ) -> Result<Option<f64>, Halt>;
 
     /// Solves an uploaded tissue mesh along the plan; reports each step to `watch`.
     ///

@@ -334,9 +334,9 @@ impl Engine for StandIn {
     }
 
     /// Uses the real numerics: the scenes of the tests are small.
-    fn distance_to_mesh(&self, _: &Run, _: &TriMesh, _: &TissueRequest, _: &Control) -> Result<f64, Halt> {
+    fn distance_to_mesh(&self, _: &Run, _: &TriMesh, _: &TissueRequest, _: &Control) -> Result<Option<f64>, Halt> {
         self.planted()?;
-        Ok(0.1)
+        Ok(Some(0.1))
     }
 
     fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {

@@ -1,7 +1,7 @@
 use crate::http::Problem;
 use prosopon_contract::{BudgetDocument, Fault, FaultKind, LockingName, MeshRequest, PlanDocument, SolveRequest};
 use prosopon_jobs::MeshChoice;
-use prosopon_planning::simulate::budget::{Demand, KnownMesh, choose};
+use prosopon_planning::simulate::budget::{COARSER, Demand, KnownMesh, Limits, choose};
 use prosopon_session::SessionParts;
 use prosopon_store::PartKind;
 
@@ -27,12 +27,15 @@ pub(super) fn keep_budget(
         displacement_mm: plan.reports.iter().map(|r| r.max_displacement_mm).fold(0.0, f64::max),
         steps: request.steps(),
         mesh: known_mesh(parts, mesh)?,
-        max_edge_mm: 0.5 * (mesh.settings.depth_mm - mesh.settings.skin_thickness_mm),
+        // The coarser mesh of the estimate must be deep enough too.
+        max_edge_mm: 0.5 * (mesh.settings.depth_mm - mesh.settings.skin_thickness_mm) / COARSER,
         edge_mm: given.mesh.then_some(mesh.settings.edge_mm),
         locking: given.locking.map(Into::into),
     };
-    let choice = choose(&demand, asked.into()).ok_or_else(|| {
-        let detail = "a budget is kept with `locking` none or patched, and with a mesh at least 7.5 mm deep";
+    let least = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(f64::min);
+    let limits = Limits { error_mm: asked.max_error_mm, wall_s: least(asked.max_wall_s, request.max_wall_s) };
+    let choice = choose(&demand, limits).ok_or_else(|| {
+        let detail = "a budget is kept with `locking` none or patched, and with a mesh at least 11 mm deep";
         Fault::new(FaultKind::InvalidRequest, detail).at("/budget")
     })?;
     mesh.settings.edge_mm = choice.chosen.edge_mm;

@@ -1,6 +1,6 @@
 //! Estimate of the numerical error of a solve by another one on a coarser mesh, for budgets.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use prosopon_contract::{BudgetDocument, EstimateDocument, Halt};
 use prosopon_geometry::control::Control;
@@ -8,12 +8,9 @@ use prosopon_geometry::{TriMesh, Warning};
 use prosopon_planning::simulate::budget::{COARSER, error_from_distance};
 use prosopon_session::{Engine, Run, TissueRequest};
 
-/// Time of the coarser mesh and its solve, in units of that of the path: (1 / 1.25)³ and the mesh.
-const SHARE: f64 = 0.6;
-/// The estimate may take this many times as long as expected.
+/// Time that the estimate may take: this long for the coarser mesh, s, and this many times that of the path.
+const MESH_S: f64 = 60.0;
 const PATIENCE: f64 = 3.0;
-/// Least time that is allowed when there is no limit, s.
-const LEAST_S: f64 = 20.0;
 /// Share of the time to the job's deadline that the estimate may use, so that its failure does not end the job.
 const OF_DEADLINE: f64 = 0.5;
 
@@ -26,7 +23,7 @@ pub(super) struct Estimating {
 }
 
 impl Estimating {
-    /// The budget with the time `spent` on mesh and path and the estimated error; a warning where that is not known.
+    /// The budget with the time of the mesh and of the path, s, and the estimated error; a warning where that is not known.
     ///
     /// `moved` is the skin at the end of the path.
     pub(super) fn finish(
@@ -34,50 +31,43 @@ impl Estimating {
         engine: &dyn Engine,
         run: &Run,
         moved: Option<&TriMesh>,
-        [spent, path]: [Duration; 2],
+        [mesh_s, path_s]: [f64; 2],
         control: &Control,
     ) -> Result<(BudgetDocument, Vec<Warning>), Halt> {
         let Self { mut budget, coarser } = self;
-        let spent_s = spent.as_secs_f64();
-        budget.spent_s = Some(spent_s);
-        let expected_s = SHARE * path.as_secs_f64();
-        let of_budget = budget.asked.max_wall_s.map_or(LEAST_S.max(PATIENCE * expected_s), |most| most - spent_s);
-        let allowed_s = of_budget.min(OF_DEADLINE * control.left_s());
+        budget.spent_s = Some(mesh_s + path_s);
+        let Some(moved) = moved else { return Ok((budget, Vec::new())) };
+        let allowed_s = (MESH_S + PATIENCE * path_s).min(OF_DEADLINE * control.left_s());
         let begin = Instant::now();
-        let found = match moved {
-            Some(moved) if allowed_s >= expected_s => {
-                engine.distance_to_mesh(run, moved, &coarser, &control.within(allowed_s))
-            }
-            Some(_) => Err(Halt::Cancelled),
-            None => return Ok((budget, Vec::new())),
-        };
-        let why = match found {
+        let found = engine.distance_to_mesh(run, moved, &coarser, &control.within(allowed_s));
+        let unknown = match found {
             Ok(distance_mm) => {
-                budget.estimated = Some(EstimateDocument {
+                budget.estimated = distance_mm.map(|distance_mm| EstimateDocument {
                     error_mm: error_from_distance(distance_mm, run.settings.solver.locking),
                     distance_mm,
                     edge_mm: coarser.settings.mesh.edge_mm,
                     wall_s: begin.elapsed().as_secs_f64(),
                 });
-                None
+                distance_mm.is_none().then(|| Warning::info("error-not-estimated", "no part of the face moves"))
             }
             Err(Halt::Cancelled) => {
                 control.check()?;
-                Some("no time was left".to_owned())
+                Some(unknown(&format!("it took longer than {allowed_s:.0} s")).act("Raise `max_wall_s` of the job."))
             }
-            Err(Halt::Fault(fault)) => Some(fault.detail),
+            Err(Halt::Fault(fault)) => {
+                Some(unknown(&fault.detail).act("Choose another edge or depth, or compare with a finer mesh."))
+            }
         };
-        let mut warnings = Vec::new();
-        if let Some(why) = why {
-            let message =
-                format!("the numerical error was not estimated on a mesh with {COARSER} times the edge: {why}");
-            let action = "Allow more time, or compare with a solve on a finer mesh.";
-            warnings.push(Warning::check("error-not-estimated", message).act(action));
-        }
+        let mut warnings: Vec<Warning> = unknown.into_iter().collect();
         if let Some(missed) = budget.missed() {
             let action = "See `budget.alternatives` for settings that are more accurate or faster.";
             warnings.push(Warning::check("budget-missed", missed).act(action));
         }
         Ok((budget, warnings))
     }
+}
+
+fn unknown(why: &str) -> Warning {
+    let message = format!("the numerical error was not estimated on a mesh with {COARSER} times the edge: {why}");
+    Warning::check("error-not-estimated", message)
 }

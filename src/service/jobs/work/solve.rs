@@ -1,5 +1,5 @@
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use tokio::sync::mpsc;
 
@@ -152,13 +152,11 @@ async fn compute(
             let skin = engine.skin(&run, &control.without_progress())?;
             let mask = skin.positions().iter().map(in_face).collect();
             let cancel = control.stage(0.0, 0.0);
-            let watch = SolveWatch::new(engine, cancel, running, steps, beginning);
+            let watch = SolveWatch::new(engine, cancel, Arc::clone(&running), steps, beginning);
             let mut watch = SolveWatch { reference, regions, mask, run: Some(&run), ..watch };
-            let begin = Instant::now();
             let solved = if estimating.is_some() { BEFORE_ESTIMATE } else { SOLVING };
             let outcome = engine.solve(&run, &control.stage(0.0, solved), &mut watch)?;
             let solving = watch.solving + watch.step_began.elapsed();
-            let spent = begin.elapsed();
             let (mut warnings, mesh) = (watch.warnings, watch.mesh);
             let last = watch.last.as_ref();
             let clinical = match last.map(|skin| engine.clinical(&run, skin, &control.stage(solved, solved))) {
@@ -174,8 +172,11 @@ async fn compute(
             };
             let budget = match estimating {
                 Some(estimating) => {
+                    running.set_phase(Phase::Estimate);
+                    let mesh_s = mesh.as_ref().map_or(0.0, |(_, wall_s)| *wall_s);
                     let control = control.stage(solved, SOLVING);
-                    let (budget, found) = estimating.finish(engine, &run, last, [spent, solving], &control)?;
+                    let (budget, found) =
+                        estimating.finish(engine, &run, last, [mesh_s, solving.as_secs_f64()], &control)?;
                     warnings.extend(found.into_iter().map(WarningDocument::from));
                     Some(budget)
                 }

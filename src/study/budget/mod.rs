@@ -72,12 +72,13 @@ impl BudgetStudy<'_> {
     /// [`BenchError`]; a failed solve is a result.
     pub fn run(&self, out: &mut dyn Write) -> Result<(), BenchError> {
         refuse_unwritable(self.csv)?;
+        let operations = operations::named(self.operations, &OPERATIONS)?;
         let mut rows: Vec<Row> = Vec::new();
         for source in self.heads {
             let mut head = Head::load(source)?;
             propose(&head.anatomy.skin, &head.anatomy.skull).fill(&mut head.landmarks);
             let fields = build_fields(&head.anatomy, &FieldsSettings::default(), &Control::new())?;
-            for operation in operations::all().iter().filter(|o| self.includes(&o.name)) {
+            for operation in &operations {
                 self.scene(&source.name(), &head, &fields, operation, &mut rows, out)?;
                 write(self.csv, csv(&rows).as_bytes())?;
                 write(&self.csv.with_extension("svg"), picture::draw(&rows)?.as_bytes())?;
@@ -85,13 +86,6 @@ impl BudgetStudy<'_> {
         }
         fit::print(&rows, out)?;
         kept::print(&rows, out)
-    }
-
-    fn includes(&self, operation: &str) -> bool {
-        match self.operations {
-            [] => OPERATIONS.contains(&operation),
-            named => named.iter().any(|n| n == operation),
-        }
     }
 
     fn scene(

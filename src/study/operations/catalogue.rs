@@ -1,5 +1,6 @@
 //! The operations of `prosopon bench operations`: templates of the cuts and motions of the segments.
 
+use crate::BenchError;
 use prosopon_geometry::{Motion, Point, Vector};
 use prosopon_planning::plan::Template;
 
@@ -75,6 +76,24 @@ pub(crate) fn all() -> Vec<Operation> {
     all.extend(both_jaws());
     all.extend(midface());
     all
+}
+
+/// The operations with these names, or the usual ones when there is no name.
+///
+/// # Errors
+/// [`BenchError::Head`] for a name that no operation has.
+pub(crate) fn named(names: &[String], usual: &[&str]) -> Result<Vec<Operation>, BenchError> {
+    let all = all();
+    if let Some(unknown) = names.iter().find(|name| all.iter().all(|o| o.name != **name)) {
+        let known: Vec<&str> = all.iter().map(|o| o.name.as_str()).collect();
+        let detail = format!("there is no operation `{unknown}`: give some of {}", known.join("; "));
+        return Err(BenchError::Head { detail });
+    }
+    let is_meant = |o: &Operation| match names {
+        [] => usual.contains(&o.name.as_str()),
+        named => named.contains(&o.name),
+    };
+    Ok(all.into_iter().filter(is_meant).collect())
 }
 
 /// The operations of `prosopon bench ratios`: those for which soft-to-hard ratios are published.

@@ -14,7 +14,7 @@ use super::head::{Head, HeadSource};
 use super::model_case::{ModelCase, PHASES, clock, phases_s};
 use super::process;
 use catalogue::{Move, Pivot};
-pub(super) use catalogue::{Operation, all, of_ratios};
+pub(super) use catalogue::{Operation, all, named, of_ratios};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Severity, Warning};
 use prosopon_planning::plan::{

@@ -170,8 +170,47 @@ impl BudgetDocument {
         if let (Some(asked), Some(spent)) = (self.asked.max_wall_s, self.spent_s)
             && spent > asked
         {
-            missed.push(format!("mesh and path took {spent:.1} s, asked were {asked} s"));
+            missed.push(format!("mesh and path took {spent:.2} s, asked were {asked} s"));
         }
         (!missed.is_empty()).then(|| missed.join("; "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use prosopon_planning::simulate::budget::{Demand, Limits, choose};
+
+    fn document(max_error_mm: Option<f64>, max_wall_s: Option<f64>) -> BudgetDocument {
+        let demand =
+            Demand { displacement_mm: 6.0, steps: 6, mesh: None, max_edge_mm: 20.0, edge_mm: None, locking: None };
+        let choice = choose(&demand, Limits { error_mm: max_error_mm, wall_s: max_wall_s }).unwrap();
+        BudgetDocument::new(Budget { max_error_mm, max_wall_s }, &choice, ModelName::Nonlinear, 6)
+    }
+
+    #[test]
+    fn what_was_missed_is_said_with_numbers() {
+        let mut budget = document(Some(0.2), Some(20.0));
+        assert_eq!(budget.missed(), None);
+        budget.spent_s = Some(20.04);
+        let estimated = EstimateDocument { error_mm: 0.204, distance_mm: 0.2, edge_mm: 5.0, wall_s: 9.0 };
+        budget.estimated = Some(estimated);
+        let missed = budget.missed().unwrap();
+        assert_eq!(
+            missed,
+            "the estimated error is 0.204 mm, asked was 0.2 mm; mesh and path took 20.04 s, asked were 20 s"
+        );
+        budget.spent_s = Some(19.9);
+        budget.estimated = Some(EstimateDocument { error_mm: 0.2, ..estimated });
+        assert_eq!(budget.missed(), None);
+    }
+
+    #[test]
+    fn reasons_name_the_limit_that_cannot_be_kept() {
+        assert!(document(Some(10.0), None).why.starts_with("the fastest setting that is expected to keep"));
+        assert!(document(None, Some(1e4)).why.starts_with("the most accurate setting that is expected to end"));
+        assert!(document(Some(1e-3), None).why.starts_with("no setting is expected to be this accurate"));
+        assert!(document(Some(1e-3), Some(1e4)).why.starts_with("no setting that ends in time"));
+        assert!(document(Some(1.0), Some(1e-3)).why.starts_with("no setting is expected to end in time"));
     }
 }

@@ -44,12 +44,12 @@ pub(super) fn draw(rows: &[Row]) -> Result<String, BenchError> {
             mean_point(chosen).map(|point| (point, format!("auto {asked_mm}")))
         };
         let (points, marks) = ASKED_MM.iter().filter_map(asked).unzip();
-        let name = format!("{}, auto within 1, 0.5 and 0.3 mm", first.head);
+        let name = format!("{}, auto", first.head);
         curves.push(Curve { name, color: RGBColor(0, 0, 0), points, marks });
     }
     let labels = Labels {
-        title: "Time against error: mean of a Le Fort I, a split osteotomy and a genioplasty",
-        x: "error, mm: P95 over the moving face, to patched elements of 3 mm (labels: edge, mm)",
+        title: "Time against error, mean over the operations",
+        x: "error, mm: P95 over the moving face, to patched elements of 3 mm (labels: edge, or the error asked of auto, mm)",
         y: "mesh and path, s",
     };
     chart::draw(&labels, &curves)

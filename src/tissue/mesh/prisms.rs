@@ -8,7 +8,7 @@ use super::lattice::STEPS;
 use super::quality::{scaled_jacobian, scaled_jacobian_curved, smallest_sine};
 use super::stuffing::TetMesh;
 use super::tuning::{
-    MAX_SKIN_DISTANCE_MM, REPAIR_ROUNDS, REPAIR_SINE_FLOOR, REPAIR_STEPS, WANTED_JACOBIAN, WORST_JACOBIAN,
+    BETTER, MAX_SKIN_DISTANCE_MM, REPAIR_ROUNDS, REPAIR_SINE_FLOOR, REPAIR_STEPS, WANTED_JACOBIAN, WORST_JACOBIAN,
 };
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
@@ -99,16 +99,31 @@ impl PrismLayer {
         prisms.row(node).iter().map(|&f| self.quality(mesh, &self.faces[f as usize])).fold(f64::INFINITY, f64::min)
     }
 
-    /// Moves the outer node above `node` to `p`, projected onto the skin, when the worst prism there improves.
-    fn try_outer(&mut self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &Rows, node: usize, p: &Point) -> bool {
-        let before = self.worst(mesh, prisms, node);
-        if before >= WANTED_JACOBIAN {
-            return false;
-        }
+    /// Whether all prisms at `node` are better than `least`; stops at the first that is not.
+    fn exceeds(&self, mesh: &TetMesh, prisms: &Rows, node: usize, least: f64) -> bool {
+        let is_better = |f: &u32| match self.corners(mesh, &self.faces[*f as usize]) {
+            Some((p, normals)) => {
+                let is_worse = |quality: f64| quality <= least;
+                !is_worse(scaled_jacobian(&p)) && !is_worse(scaled_jacobian_curved(&p, &normals))
+            }
+            None => false,
+        };
+        prisms.row(node).iter().all(is_better)
+    }
+
+    /// Moves the outer node above `node` to `p`, projected onto the skin, when the worst prism there becomes better than `before`.
+    fn try_outer(
+        &mut self,
+        inner: &InnerTissue<'_>,
+        mesh: &TetMesh,
+        prisms: &Rows,
+        (node, p): (usize, &Point),
+        before: f64,
+    ) -> bool {
         let old = self.outer_nodes[node];
         let Some(foot) = inner.foot(p, inner.edge) else { return false };
         self.outer_nodes[node] = Some(foot);
-        if self.worst(mesh, prisms, node) > before + 1e-4 {
+        if self.exceeds(mesh, prisms, node, before + BETTER) {
             return true;
         }
         self.outer_nodes[node] = old;
@@ -127,10 +142,12 @@ impl PrismLayer {
             }
         }
         let Some(here) = self.outer_nodes[node] else { return };
-        if count > 0.0 {
+        let before = self.worst(mesh, prisms, node);
+        if count > 0.0 && before < WANTED_JACOBIAN {
             let mean = Point::from(sum / count);
             for share in [1.0, 0.5, 0.25] {
-                if self.try_outer(inner, mesh, prisms, node, &(here.point + (mean - here.point) * share)) {
+                let to = here.point + (mean - here.point) * share;
+                if self.try_outer(inner, mesh, prisms, (node, &to), before) {
                     return;
                 }
             }
@@ -138,12 +155,18 @@ impl PrismLayer {
     }
 
     fn search_outer(&mut self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &Rows, node: usize, length: f64) {
+        let mut before = self.worst(mesh, prisms, node);
         for step in STEPS {
+            if before >= WANTED_JACOBIAN {
+                return;
+            }
             let Some(here) = self.outer_nodes[node] else { return };
             let direction = Vector::from(step.map(f64::from));
             let tangent = direction - here.normal * here.normal.dot(&direction);
             let Some(tangent) = tangent.try_normalize(1e-6) else { continue };
-            self.try_outer(inner, mesh, prisms, node, &(here.point + tangent * length));
+            if self.try_outer(inner, mesh, prisms, (node, &(here.point + tangent * length)), before) {
+                before = self.worst(mesh, prisms, node);
+            }
         }
     }
 
@@ -164,17 +187,19 @@ impl PrismLayer {
                 .map(|&t| smallest_sine(&mesh.tetrahedra[t as usize].map(|i| mesh.positions[i as usize])));
             worst.fold(f64::INFINITY, f64::min)
         };
+        let at = |layer: &Self, mesh: &TetMesh| (layer.worst(mesh, prisms, node), around(mesh).min(REPAIR_SINE_FLOOR));
+        let (mut before, mut floor) = at(self, mesh);
         for step in STEPS {
-            let before = self.worst(mesh, prisms, node);
             if before >= WANTED_JACOBIAN {
                 return;
             }
             let here = mesh.positions[node];
-            let floor = around(mesh).min(REPAIR_SINE_FLOOR);
             let to = here + Vector::from(step.map(f64::from)).normalize() * length;
             let Some(p) = inner.project(side, &to, inner.edge) else { continue };
             mesh.positions[node] = p;
-            if self.worst(mesh, prisms, node) <= before + 1e-4 || around(mesh) < floor {
+            if self.exceeds(mesh, prisms, node, before + BETTER) && around(mesh) >= floor {
+                (before, floor) = at(self, mesh);
+            } else {
                 mesh.positions[node] = here;
             }
         }

@@ -88,6 +88,8 @@ pub(super) const WORST_JACOBIAN: f64 = 0.1;
 pub(super) const MAX_SKIN_DISTANCE_MM: f64 = 0.3;
 /// The smallest sine of a tetrahedron may not fall below this when a prism's inner node moves.
 pub(super) const REPAIR_SINE_FLOOR: f64 = 0.2;
+/// A move must better the worst scaled Jacobian by more than this.
+pub(super) const BETTER: f64 = 1e-4;
 /// Most rounds of repair over the nodes of bad prisms.
 pub(super) const REPAIR_ROUNDS: usize = 12;
 /// Steps of the pattern search on the nodes of bad prisms, edges.

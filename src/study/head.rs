@@ -9,9 +9,9 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Vector};
 use prosopon_planning::evaluate::face_regions;
 use prosopon_planning::phantom;
-use prosopon_planning::plan::{Landmarks, Path as SegmentPath, Plan, le_fort_1};
+use prosopon_planning::plan::{Landmarks, Path as SegmentPath, Plan, le_fort_1, propose};
 use prosopon_planning::simulate::{
-    Anatomy, CutBone, FieldsSettings, TissueModel, TissueSettings, build_fields, build_tissue, cut_bone,
+    Anatomy, CutBone, Fields, FieldsSettings, TissueModel, TissueSettings, build_fields, build_tissue, cut_bone,
 };
 use prosopon_planning::surface::{CtSettings, from_ct};
 use prosopon_tissue::mesh::MeshSettings;
@@ -111,6 +111,14 @@ impl Head {
             HeadSource::Phantom(build) => Self::phantom(*build),
             HeadSource::Folder(folder) => Self::of_folder(folder),
         }
+    }
+
+    /// The head with its fields; landmarks that it lacks are proposed.
+    pub(super) fn with_fields(source: &HeadSource) -> Result<(Self, Fields), BenchError> {
+        let mut head = Self::load(source)?;
+        propose(&head.anatomy.skin, &head.anatomy.skull).fill(&mut head.landmarks);
+        let fields = build_fields(&head.anatomy, &FieldsSettings::default(), &Control::new())?;
+        Ok((head, fields))
     }
 
     fn phantom(build: Build) -> Result<Self, BenchError> {

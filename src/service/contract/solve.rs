@@ -279,6 +279,9 @@ impl SolveRequest {
         if self.model != ModelName::Auto {
             check.fault("/budget", "is for the model `auto`; leave `model` or `budget` out");
         }
+        if self.skin_element.is_some_and(|element| element != SkinElementName::Tet) {
+            check.fault("/skin_element", "must be `tet` with a budget, whose table knows no other");
+        }
         if self.warm_start.is_some() {
             check.fault(
                 "/budget",

@@ -13,10 +13,8 @@ use super::head::{Head, HeadSource};
 use super::operations::{self, Operation};
 use choices::{Choices, choices};
 use prosopon_geometry::Vector;
-use prosopon_geometry::control::Control;
 use prosopon_planning::evaluate::face_regions;
-use prosopon_planning::plan::propose;
-use prosopon_planning::simulate::{Fields, FieldsSettings, build_fields};
+use prosopon_planning::simulate::Fields;
 
 /// Operations of the study when the caller names none: one for each kind of movement.
 const OPERATIONS: [&str; 6] = [
@@ -72,9 +70,7 @@ impl AssumptionStudy<'_> {
         let operations = operations::named(self.operations, &OPERATIONS)?;
         let mut rows: Vec<Row> = Vec::new();
         for source in self.heads {
-            let mut head = Head::load(source)?;
-            propose(&head.anatomy.skin, &head.anatomy.skull).fill(&mut head.landmarks);
-            let fields = build_fields(&head.anatomy, &FieldsSettings::default(), &Control::new())?;
+            let (head, fields) = Head::with_fields(source)?;
             for operation in &operations {
                 self.study(&source.name(), &head, &fields, operation, &mut rows, out)?;
                 write(self.csv, csv(&rows).as_bytes())?;

@@ -14,11 +14,10 @@ use super::head::{Head, HeadSource};
 use super::model_case::locking_name;
 use super::operations::{self, Operation, Scene};
 use prosopon_geometry::Motion;
-use prosopon_geometry::control::Control;
 use prosopon_planning::evaluate::{between_solutions, face_regions};
-use prosopon_planning::plan::{Plan, propose};
+use prosopon_planning::plan::Plan;
 use prosopon_planning::simulate::budget::{Demand, KnownMesh};
-use prosopon_planning::simulate::{CutBone, Fields, FieldsSettings, TissueSettings, build_fields};
+use prosopon_planning::simulate::{CutBone, Fields, TissueSettings};
 use prosopon_tissue::fem::Locking;
 use prosopon_tissue::mesh::MeshSettings;
 
@@ -75,9 +74,7 @@ impl BudgetStudy<'_> {
         let operations = operations::named(self.operations, &OPERATIONS)?;
         let mut rows: Vec<Row> = Vec::new();
         for source in self.heads {
-            let mut head = Head::load(source)?;
-            propose(&head.anatomy.skin, &head.anatomy.skull).fill(&mut head.landmarks);
-            let fields = build_fields(&head.anatomy, &FieldsSettings::default(), &Control::new())?;
+            let (head, fields) = Head::with_fields(source)?;
             for operation in &operations {
                 self.scene(&source.name(), &head, &fields, operation, &mut rows, out)?;
                 write(self.csv, csv(&rows).as_bytes())?;

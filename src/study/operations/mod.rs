@@ -19,11 +19,10 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Severity, Warning};
 use prosopon_planning::plan::{
     CondylarAxis, Landmarks, Path as SegmentPath, Plan, Segment, Template, TemplateCall, TemplateCuts, name_segments,
-    propose,
 };
 use prosopon_planning::simulate::{
-    CutBone, Fields, FieldsSettings, LEAVE_OUT_BELOW_MM, Mouth, RunSettings, TissueModel, TissueSettings, build_fields,
-    build_tissue, cut_bone, solve,
+    CutBone, Fields, FieldsSettings, LEAVE_OUT_BELOW_MM, Mouth, RunSettings, TissueModel, TissueSettings, build_tissue,
+    cut_bone, solve,
 };
 use prosopon_tissue::fem::PhaseTimes;
 use prosopon_tissue::mesh::MeshSettings;
@@ -143,9 +142,7 @@ impl OperationStudy<'_> {
         refuse_unwritable(self.csv)?;
         let mut rows: Vec<Row> = Vec::new();
         for source in self.heads {
-            let mut head = Head::load(source)?;
-            propose(&head.anatomy.skin, &head.anatomy.skull).fill(&mut head.landmarks);
-            let fields = build_fields(&head.anatomy, &FieldsSettings::default(), &Control::new())?;
+            let (head, fields) = Head::with_fields(source)?;
             let mut scenes: BTreeMap<(Vec<Template>, u64), Result<Scene, String>> = BTreeMap::new();
             for operation in all() {
                 if self.only.is_some_and(|only| !operation.name.contains(only)) {

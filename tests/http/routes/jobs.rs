@@ -83,6 +83,7 @@ async fn invalid_members_are_refused_with_their_pointer() {
     let budget = json!({"max_error_mm": 0.5});
     check(json!({"plan": plan, "model": "linear", "budget": budget}), "/budget").await;
     check(json!({"plan": plan, "locking": "smoothed", "budget": budget}), "/budget").await;
+    check(json!({"plan": plan, "skin_element": "c1_prism", "budget": budget}), "/skin_element").await;
     // The skull is a box of eight vertices.
     let painted = |n: usize| json!({"plan": plan, "attachment": {"skull_classes": vec!["tied"; n]}});
     check(painted(7), "/attachment/skull_classes").await;

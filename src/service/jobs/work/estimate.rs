@@ -20,6 +20,8 @@ pub(super) struct Estimating {
     pub(super) budget: BudgetDocument,
     /// The chosen mesh with edges [`COARSER`] times as long.
     pub(super) coarser: TissueRequest,
+    /// What of the job the table's scenes did not have.
+    pub(super) unlike: Vec<&'static str>,
 }
 
 impl Estimating {
@@ -34,14 +36,22 @@ impl Estimating {
         [mesh_s, path_s]: [f64; 2],
         control: &Control,
     ) -> Result<(BudgetDocument, Vec<Warning>), Halt> {
-        let Self { mut budget, coarser } = self;
+        let Self { mut budget, coarser, unlike } = self;
         budget.spent_s = Some(mesh_s + path_s);
         let Some(moved) = moved else { return Ok((budget, Vec::new())) };
         let allowed_s = (MESH_S + PATIENCE * path_s).min(OF_DEADLINE * control.left_s());
         let begin = Instant::now();
-        let found = engine.distance_to_mesh(run, moved, &coarser, &control.within(allowed_s));
+        let control_of_estimate = control.within(allowed_s);
+        let mesh = engine.tissue(&run.case, &coarser, &control_of_estimate.stage(0.0, 0.3));
+        let found = mesh.and_then(|mesh| {
+            let distance = engine.distance_to_mesh(run, moved, &coarser, &control_of_estimate.stage(0.3, 1.0))?;
+            Ok((mesh, distance))
+        });
+        let mut warnings = Vec::new();
         let unknown = match found {
-            Ok(distance_mm) => {
+            Ok((mesh, distance_mm)) => {
+                let shortened = mesh.warnings.into_iter().filter(|w| w.code == "mesh-edge-shortened");
+                warnings.extend(shortened.map(|w| w.about("mesh of the estimate, whose error is then too small")));
                 budget.estimated = distance_mm.map(|distance_mm| EstimateDocument {
                     error_mm: error_from_distance(distance_mm, run.settings.solver.locking),
                     distance_mm,
@@ -58,7 +68,12 @@ impl Estimating {
                 Some(unknown(&fault.detail).act("Choose another edge or depth, or compare with a finer mesh."))
             }
         };
-        let mut warnings: Vec<Warning> = unknown.into_iter().collect();
+        warnings.extend(unknown);
+        if !unlike.is_empty() {
+            let message = format!("expected and estimated errors come from scenes without such {}", unlike.join(", "));
+            let action = "Compare with a solve on a finer mesh.";
+            warnings.push(Warning::check("budget-not-studied", message).act(action));
+        }
         if let Some(missed) = budget.missed() {
             let action = "See `budget.alternatives` for settings that are more accurate or faster.";
             warnings.push(Warning::check("budget-missed", missed).act(action));

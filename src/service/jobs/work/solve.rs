@@ -11,7 +11,10 @@ use super::steps::{checkpoint, write_steps};
 use super::{Context, Done, changed_meanwhile, scene};
 use crate::requests::{MeshChoice, SolveKind, SolveTask};
 use crate::running::Phase;
-use prosopon_contract::{BudgetDocument, Halt, MeshDocument, MeshRequest, WarningDocument, stored_cuts, to_json};
+use prosopon_contract::{
+    BudgetDocument, Halt, MeshDocument, MeshRequest, MouthDocument, PresetName, TissueLawsDocument, WarningDocument,
+    stored_cuts, to_json,
+};
 use prosopon_geometry::Warning;
 use prosopon_planning::evaluate::Clinical;
 use prosopon_planning::simulate::Outcome;
@@ -131,7 +134,16 @@ struct Extras {
 fn estimating(parts: &SessionParts, request: &SolveTask, budget: BudgetDocument) -> Result<Estimating, Halt> {
     let MeshChoice { settings, cuts } = &request.mesh;
     let coarser = MeshRequest { edge_mm: COARSER * settings.edge_mm, ..settings.clone() };
-    Ok(Estimating { budget, coarser: parts.tissue_request(&coarser, cuts.as_deref())? })
+    let solve = &request.request;
+    let unlike = [
+        (solve.preset.unwrap_or_default() != PresetName::default(), "a preset"),
+        (solve.materials != TissueLawsDocument::default(), "materials"),
+        (solve.attachment.is_some(), "an attachment"),
+        (settings.mouth != MouthDocument::default(), "a mouth"),
+        (settings.cartilage, "cartilage"),
+    ];
+    let unlike = unlike.into_iter().filter_map(|(is_so, name)| is_so.then_some(name)).collect();
+    Ok(Estimating { budget, coarser: parts.tissue_request(&coarser, cuts.as_deref())?, unlike })
 }
 
 async fn compute(

@@ -43,10 +43,11 @@ fn a_budget_chooses_estimates_and_says_what_it_missed() {
     // The mesh of before is built, so that the job itself names it.
     let mesh =
         server.finish(&server.post(&format!("{session}/mesh"), &json!({ "osteotomy": osteotomy, "edge_mm": 8 })));
-    let hasty = json!({ "steps": 2, "mesh": mesh["id"], "locking": "none", "budget": { "max_wall_s": 1 } });
+    let hasty = json!({ "steps": 2, "mesh": mesh["id"], "locking": "none", "attachment": { "tie_gap_mm": 2 }, "budget": { "max_wall_s": 1 } });
     let hasty = report(&server, &session, &plan, hasty);
     assert_eq!(hasty["budget"]["chosen"]["edge_mm"], 8.0);
     assert_eq!(hasty["budget"]["alternatives"], json!([]));
+    assert!(codes(&hasty).contains("budget-not-studied") && !codes(&loose).contains("budget-not-studied"));
     // Its estimate's mesh is deep enough for edges of 10 mm, and comes on top of the time.
     assert_eq!(hasty["budget"]["estimated"]["edge_mm"], 10.0, "{}", hasty["budget"]);
     let [spent, solve] = [&hasty["budget"]["spent_s"], &hasty["phases"]["solve_s"]].map(|s| s.as_f64().unwrap());

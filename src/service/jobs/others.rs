@@ -1,7 +1,7 @@
 //! Watches the other processes on the same store: passes on their changes and takes over the jobs that they abandoned.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::Service;
 use super::lease::renew_every;
@@ -61,17 +61,25 @@ pub(super) async fn take_over(service: Arc<Service>) {
 
 /// Finds the jobs whose lease has expired and that no worker renews during [`LOOKS`] further checks.
 ///
-/// One expired lease does not show that the worker is gone: the database may have been unreachable or slow.
+/// One expired lease does not show that the worker is gone: the database may have been unreachable or slow. So a check that
+/// the database answered late finds nothing: the worker's renewals were late too.
 async fn silent(service: &Service) -> Result<Vec<JobRecord>, StoreError> {
     let lease = service.settings.lease;
-    let mut silent = service.store.abandoned().await?;
+    let Some(mut silent) = look(service).await? else { return Ok(Vec::new()) };
     for _ in 0..LOOKS {
         if silent.is_empty() || service.stop.is_cancelled() {
             return Ok(Vec::new());
         }
         tokio::time::sleep(renew_every(lease).max(lease / 8)).await;
-        let still = service.store.abandoned().await?;
+        let Some(still) = look(service).await? else { return Ok(Vec::new()) };
         silent.retain(|job| still.contains(job));
     }
     Ok(silent)
+}
+
+/// The jobs with expired leases; `None` when the database took longer to answer than a worker waits between renewals.
+async fn look(service: &Service) -> Result<Option<Vec<JobRecord>>, StoreError> {
+    let begin = Instant::now();
+    let abandoned = service.store.abandoned().await?;
+    Ok((begin.elapsed() < renew_every(service.settings.lease)).then_some(abandoned))
 }

@@ -49,13 +49,9 @@ pub(super) fn close(
     let order = heights.descend(-depth as f32, control)?;
     for _ in 0..2 {
         control.check()?;
-        for &n in order.iter().rev() {
-            heights.improve(n as usize);
-        }
+        order.iter().rev().for_each(|&n| heights.settle(n as usize));
         control.check()?;
-        for &n in &order {
-            heights.improve(n as usize);
-        }
+        order.iter().for_each(|&n| heights.settle(n as usize));
     }
     let slack = SLACK * solid.spacing as f32;
     let lowered: Vec<f32> = (0..outside.len())
@@ -75,12 +71,14 @@ struct Heights<'a> {
     most: f32,
     /// Best far node of each other node, or [`NONE`].
     source: Vec<u32>,
+    /// Nodes with a neighbour whose source may have changed since their last visit.
+    unsettled: Vec<bool>,
 }
 
 impl<'a> Heights<'a> {
     fn new(solid: &'a ScalarGrid, outside: &'a [bool], closing: f64) -> Self {
-        let source = vec![NONE; outside.len()];
-        Self { solid, outside, most: (closing + solid.spacing) as f32, source }
+        let (source, unsettled) = (vec![NONE; outside.len()], vec![true; outside.len()]);
+        Self { solid, outside, most: (closing + solid.spacing) as f32, source, unsettled }
     }
 
     /// Height of node `x` that follows from the far node `y`, mm.
@@ -109,6 +107,18 @@ impl<'a> Heights<'a> {
         });
         self.source[x] = source;
         best
+    }
+
+    /// [`Self::improve`] for a node that can still improve: most cannot after the first sweep.
+    fn settle(&mut self, x: usize) {
+        if !std::mem::take(&mut self.unsettled[x]) {
+            return;
+        }
+        let before = self.source[x];
+        self.improve(x);
+        if self.source[x] != before {
+            flood::for_box(self.solid.dims, x, |to| self.unsettled[to] = true);
+        }
     }
 
     /// Visits nodes in layers inwards from the far outside; returns them in that order.

@@ -2,7 +2,6 @@
 
 use super::parts::submesh;
 use super::point_triangle::distance_sq;
-use super::topology::irregular_vertices;
 use crate::trimesh::scaled_normal;
 use crate::{Point, TriMesh};
 
@@ -50,7 +49,8 @@ struct Scratch {
 }
 
 impl LiveMesh {
-    pub(super) fn new(mesh: &TriMesh) -> Self {
+    /// Vertices that are `fixed` have no part in collapses that the caller tries.
+    pub(super) fn new(mesh: &TriMesh, fixed: Vec<bool>) -> Self {
         let (n, m) = (mesh.positions().len(), mesh.triangles().len());
         let mut first_sample = vec![NONE; m];
         let mut next_sample = vec![NONE; n];
@@ -71,13 +71,55 @@ impl LiveMesh {
             triangles: mesh.triangles().to_vec(),
             alive: vec![true; m],
             n_alive: m,
-            fixed: fixed_vertices(mesh),
+            fixed,
             corners,
             samples: mesh.positions().to_vec(),
             first_sample,
             next_sample,
             scratch: Scratch::default(),
         }
+    }
+
+    /// Joins parts of a mesh, each with the vertex of the whole mesh for each of its vertices.
+    ///
+    /// `positions` and `fixed` are those of the whole mesh; vertices of several parts must have the same position in each.
+    pub(super) fn joined(
+        mut positions: Vec<Point>,
+        fixed: Vec<bool>,
+        parts: impl IntoIterator<Item = (Vec<u32>, Self)>,
+    ) -> Self {
+        let n = positions.len();
+        let (mut triangles, mut samples) = (Vec::new(), Vec::new());
+        let (mut first_sample, mut next_sample) = (Vec::new(), Vec::new());
+        for (vertices, part) in parts {
+            for (&v, p) in vertices.iter().zip(&part.positions) {
+                positions[v as usize] = *p;
+            }
+            for t in (0..part.triangles.len()).filter(|&t| part.alive[t]) {
+                triangles.push(part.triangles[t].map(|v| vertices[v as usize]));
+                let mut first = NONE;
+                let mut sample = part.first_sample[t];
+                while sample != NONE {
+                    next_sample.push(std::mem::replace(&mut first, samples.len() as u32));
+                    samples.push(part.samples[sample as usize]);
+                    sample = part.next_sample[sample as usize];
+                }
+                first_sample.push(first);
+            }
+        }
+        let m = triangles.len();
+        let mut corners = CornerLists { first: vec![NONE; n], last: vec![NONE; n], next: vec![NONE; 3 * m] };
+        for (corner, &v) in triangles.as_flattened().iter().enumerate() {
+            corners.append(v, corner as u32);
+        }
+        let (alive, scratch) = (vec![true; m], Scratch::default());
+        Self { positions, triangles, alive, n_alive: m, fixed, corners, samples, first_sample, next_sample, scratch }
+    }
+
+    /// Directed edges of the live triangles.
+    pub(super) fn edges(&self) -> impl Iterator<Item = [u32; 2]> {
+        let live = self.triangles.iter().zip(&self.alive).filter(|(_, alive)| **alive);
+        live.flat_map(|([a, b, c], _)| [[*a, *b], [*b, *c], [*c, *a]])
     }
 
     pub(super) fn triangle_count(&self) -> usize {
@@ -259,15 +301,6 @@ impl CornerLists {
         }
         found.len()
     }
-}
-
-/// Marks vertices on borders and non-manifold vertices: a collapse could change the topology there.
-fn fixed_vertices(mesh: &TriMesh) -> Vec<bool> {
-    let mut fixed = vec![false; mesh.positions().len()];
-    for v in irregular_vertices(mesh) {
-        fixed[v as usize] = true;
-    }
-    fixed
 }
 
 /// Area divided by the sum of the squared edges, scaled to 1 for an equilateral triangle.

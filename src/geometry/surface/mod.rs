@@ -2,6 +2,7 @@
 //!
 //! Invariants: an isosurface is a closed two-manifold for any values; decimation keeps a closed manifold closed.
 
+mod blocks;
 mod bucket_queue;
 mod cell_table;
 mod decimate;

@@ -213,7 +213,7 @@ fn finished(
     structure: Structure,
     max_error_mm: f64,
     control: &Control,
-    progress: impl Fn(f64),
+    progress: impl Fn(f64) + Sync,
 ) -> Result<Option<Finished>, Cancelled> {
     let Some(raw) = isosurface(field, 0.0) else { return Ok(None) };
     control.check()?;

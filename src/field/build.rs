@@ -81,7 +81,7 @@ pub struct FieldReport {
     pub checked_points: usize,
     /// Defects of the surface and how the field treats them.
     pub warnings: Vec<Warning>,
-    /// Parts of the surface where inside and outside are not clear.
+    /// Parts of the surface where inside and outside are not clear; empty when they were not searched.
     pub regions: Vec<RegionsOfKind>,
 }
 
@@ -99,7 +99,6 @@ impl FieldReport {
     ) -> Result<Self, Cancelled> {
         let points = sample_points(surface, exact, band, SITES, control)?;
         let accuracy = Accuracy::measure(field, exact, &points, control)?;
-        let regions = unclear_regions(surface, exact, control)?;
         control.report(1.0);
         Ok(Self {
             bricks: 0,
@@ -108,7 +107,7 @@ impl FieldReport {
             rms_error_mm: accuracy.rms_error_mm,
             checked_points: accuracy.points,
             warnings: Vec::new(),
-            regions,
+            regions: Vec::new(),
         })
     }
 }
@@ -147,10 +146,13 @@ impl DistanceField {
         settings: &FieldSettings,
         control: &Control,
     ) -> Result<(Self, FieldReport), FieldError> {
-        Self::build_from(&ExactDistance::new(surface), surface, settings, control)
+        let exact = ExactDistance::new(surface);
+        let (field, report) = Self::build_from(&exact, surface, settings, control)?;
+        let regions = unclear_regions(surface, &exact, control)?;
+        Ok((field, FieldReport { regions, ..report }))
     }
 
-    /// Builds the field as [`DistanceField::build`] does, with `exact` already made from `surface`.
+    /// Builds the field as [`DistanceField::build`] does, with `exact` already made from `surface`, and searches no regions.
     ///
     /// # Errors
     /// As [`DistanceField::build`].

@@ -83,24 +83,32 @@ impl<'a> Heights<'a> {
 
     /// Height of node `x` that follows from the far node `y`, mm.
     fn of(&self, x: usize, y: u32) -> f32 {
+        self.at(place(self.solid.dims, x as u32), y)
+    }
+
+    /// Height of the node at place `from` that follows from the far node `y`, mm.
+    fn at(&self, from: [u32; 3], y: u32) -> f32 {
         if y == NONE {
             return f32::NEG_INFINITY;
         }
-        let (from, to) = (place(self.solid.dims, x), place(self.solid.dims, y as usize));
-        let steps: usize = (0..3).map(|a| from[a].abs_diff(to[a]).pow(2)).sum();
+        let to = place(self.solid.dims, y);
+        let steps: u32 = (0..3).map(|a| from[a].abs_diff(to[a]).pow(2)).sum();
         self.solid.values[y as usize].min(self.most) - (steps as f32).sqrt() * self.solid.spacing as f32
     }
 
     /// Gives `x` the best far node among its own and its neighbours'; returns the height, mm.
     fn improve(&mut self, x: usize) -> f32 {
-        let mut best = self.of(x, self.source[x]);
+        let from = place(self.solid.dims, x as u32);
         let mut source = self.source[x];
+        let mut best = self.at(from, source);
+        let mut last = source;
         flood::for_box(self.solid.dims, x, |to| {
             let candidate = if self.outside[to] { to as u32 } else { self.source[to] };
-            if candidate == source {
+            if candidate == source || candidate == last {
                 return;
             }
-            let height = self.of(x, candidate);
+            last = candidate;
+            let height = self.at(from, candidate);
             if height > best {
                 (best, source) = (height, candidate);
             }
@@ -160,6 +168,9 @@ impl<'a> Heights<'a> {
     }
 }
 
-fn place([nx, ny, _]: [usize; 3], n: usize) -> [usize; 3] {
-    [n % nx, n / nx % ny, n / (nx * ny)]
+/// Place of node `n`; 32 bits, because divisions of 64 bits take most of the time otherwise.
+fn place([nx, ny, _]: [usize; 3], n: u32) -> [u32; 3] {
+    let (nx, ny) = (nx as u32, ny as u32);
+    let row = n / nx;
+    [n % nx, row % ny, row / ny]
 }

@@ -3,6 +3,7 @@ use super::build::{FieldReport, FieldSettings};
 use super::distance_field::DistanceField;
 use super::error::{FieldError, within, within_coordinates};
 use super::exact::{ExactDistance, is_inside};
+use super::regions::unclear_regions;
 use nalgebra::Matrix3;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Aabb, Implicit, Point, TriMesh, Vector, Warning};
@@ -176,7 +177,7 @@ impl SignedField {
         })
     }
 
-    /// Builds the field of `surface` and measures its error at a fixed set of sample points.
+    /// Builds the field of `surface`, measures its error at a fixed set of sample points and finds unclear regions.
     ///
     /// # Errors
     /// As [`SignedField::build_only`].
@@ -185,16 +186,38 @@ impl SignedField {
         settings: &MethodSettings,
         control: &Control,
     ) -> Result<(Self, FieldReport), FieldError> {
+        let (field, report, exact) = Self::build_measured(surface, settings, control)?;
+        let regions = unclear_regions(surface, &exact, control)?;
+        Ok((field, FieldReport { regions, ..report }))
+    }
+
+    /// [`SignedField::build`] for an isosurface, on which no region can be unclear: they are not searched.
+    ///
+    /// # Errors
+    /// As [`SignedField::build_only`].
+    pub fn build_of_isosurface(
+        surface: &TriMesh,
+        settings: &MethodSettings,
+        control: &Control,
+    ) -> Result<(Self, FieldReport), FieldError> {
+        Self::build_measured(surface, settings, control).map(|(field, report, _)| (field, report))
+    }
+
+    fn build_measured(
+        surface: &TriMesh,
+        settings: &MethodSettings,
+        control: &Control,
+    ) -> Result<(Self, FieldReport, ExactDistance), FieldError> {
         settings.check(surface)?;
         let exact = ExactDistance::new(surface);
         if settings.method == Method::Adaptive {
             let (field, report) = DistanceField::build_from(&exact, surface, &settings.adaptive(surface)?, control)?;
-            return Ok((Self::Adaptive(field), report));
+            return Ok((Self::Adaptive(field), report, exact));
         }
         let (field, bricks, warnings) = Self::build_only(surface, settings, &control.stage(0.0, 0.7))?;
         let report = FieldReport::measured(&field, &exact, surface, settings.field.band_mm, &control.stage(0.7, 1.0))?;
         let report = FieldReport { bricks, bytes: field.bytes(), warnings, ..report };
-        Ok((field, report))
+        Ok((field, report, exact))
     }
 
     /// As [`DistanceField::surface_bound`]; `None` for the published methods.

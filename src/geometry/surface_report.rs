@@ -56,45 +56,62 @@ pub struct SurfaceReport {
 /// ```
 #[must_use]
 pub fn surface_report(mesh: &TriMesh) -> SurfaceReport {
-    let mut holes = Sets::new(mesh.positions().len());
-    let mut rim = Vec::new();
-    let [mut nonmanifold_edges, mut inconsistent_edges] = [0; 2];
-    let sides = sides(mesh);
-    for edge in sides.chunk_by(|a, b| a.edge == b.edge).filter(|same| same[0].edge[0] != same[0].edge[1]) {
-        match edge {
-            [side] => {
-                let [a, b] = side.edge;
-                holes.join(a, b);
-                rim.push(a);
-            }
-            [one, other] => inconsistent_edges += usize::from(one.forward == other.forward),
-            _ => nonmanifold_edges += 1,
-        }
+    let (crossing, (edges, (components, duplicate_triangles))) =
+        rayon::join(|| crossing_triangles(mesh), || (EdgeCounts::of(mesh), (components(mesh), duplicates(mesh))));
+    let EdgeCounts { boundary, boundary_loops, nonmanifold, inconsistent } = edges;
+    SurfaceReport {
+        triangles: mesh.triangles().len(),
+        vertices: mesh.positions().len(),
+        boundary_edges: boundary,
+        boundary_loops,
+        nonmanifold_edges: nonmanifold,
+        inconsistent_edges: inconsistent,
+        components,
+        degenerate_triangles: (0..mesh.triangles().len()).filter(|t| is_degenerate(mesh, *t)).count(),
+        duplicate_triangles,
+        self_intersecting_triangles: crossing.map(|c| c.iter().filter(|x| **x).count()),
+        closed: boundary + nonmanifold + inconsistent == 0,
+        area_mm2: mesh.area(),
+        volume_mm3: mesh.volume(),
+        bounds: mesh.bounds(),
     }
-    let boundary_edges = rim.len();
+}
 
+struct EdgeCounts {
+    boundary: usize,
+    boundary_loops: usize,
+    nonmanifold: usize,
+    inconsistent: usize,
+}
+
+impl EdgeCounts {
+    fn of(mesh: &TriMesh) -> Self {
+        let mut holes = Sets::new(mesh.positions().len());
+        let mut rim = Vec::new();
+        let [mut nonmanifold, mut inconsistent] = [0; 2];
+        let sides = sides(mesh);
+        for edge in sides.chunk_by(|a, b| a.edge == b.edge).filter(|same| same[0].edge[0] != same[0].edge[1]) {
+            match edge {
+                [side] => {
+                    let [a, b] = side.edge;
+                    holes.join(a, b);
+                    rim.push(a);
+                }
+                [one, other] => inconsistent += usize::from(one.forward == other.forward),
+                _ => nonmanifold += 1,
+            }
+        }
+        Self { boundary: rim.len(), boundary_loops: holes.count(rim), nonmanifold, inconsistent }
+    }
+}
+
+fn components(mesh: &TriMesh) -> usize {
     let mut parts = Sets::new(mesh.positions().len());
     for &[a, b, c] in mesh.triangles() {
         parts.join(a, b);
         parts.join(b, c);
     }
-    let crossing = crossing_triangles(mesh);
-    SurfaceReport {
-        triangles: mesh.triangles().len(),
-        vertices: mesh.positions().len(),
-        boundary_edges,
-        boundary_loops: holes.count(rim),
-        nonmanifold_edges,
-        inconsistent_edges,
-        components: parts.count(mesh.triangles().iter().map(|t| t[0])),
-        degenerate_triangles: (0..mesh.triangles().len()).filter(|t| is_degenerate(mesh, *t)).count(),
-        duplicate_triangles: duplicates(mesh),
-        self_intersecting_triangles: crossing.map(|c| c.iter().filter(|x| **x).count()),
-        closed: boundary_edges + nonmanifold_edges + inconsistent_edges == 0,
-        area_mm2: mesh.area(),
-        volume_mm3: mesh.volume(),
-        bounds: mesh.bounds(),
-    }
+    parts.count(mesh.triangles().iter().map(|t| t[0]))
 }
 
 fn is_degenerate(mesh: &TriMesh, triangle: usize) -> bool {

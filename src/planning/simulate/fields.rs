@@ -87,8 +87,9 @@ pub fn build_fields_around(
                 Some(bone) => bone,
                 None => Arc::new(envelope(&anatomy.skull, &settings.envelope, &control.stage(0.0, 0.5))?),
             };
-            let (field, mut report) = SignedField::build(&bone.surface, &settings.field, &control.stage(0.5, 1.0))?;
-            // The envelope is closed; the doubtful regions are those of the skull's surface.
+            let stage = control.stage(0.5, 1.0);
+            let (field, mut report) = SignedField::build_of_isosurface(&bone.surface, &settings.field, &stage)?;
+            // The doubtful regions are those of the skull's surface.
             report.regions.clone_from(&bone.regions);
             Ok::<_, SimulateError>((bone, (field, report)))
         },

@@ -97,6 +97,26 @@ impl Rows {
     }
 }
 
+/// Divides `nodes` into groups without two nodes of one element, so that threads may move the nodes of a group side by side.
+///
+/// `at` lists the elements at each node. A node comes after its neighbours that precede it in `nodes`: group after group gives
+/// the same as node after node.
+pub(super) fn side_by_side<const N: usize>(nodes: &[u32], elements: &[[u32; N]], at: &Rows) -> Vec<Vec<u32>> {
+    // Group after that of each node; 0 for nodes that had no turn yet.
+    let mut after = vec![0usize; at.starts.len().saturating_sub(1)];
+    let mut groups: Vec<Vec<u32>> = Vec::new();
+    for &node in nodes {
+        let neighbours = at.row(node as usize).iter().flat_map(|&e| elements[e as usize]);
+        let group = neighbours.map(|n| after[n as usize]).max().unwrap_or(0);
+        if group == groups.len() {
+            groups.push(Vec::new());
+        }
+        groups[group].push(node);
+        after[node as usize] = group + 1;
+    }
+    groups
+}
+
 /// Number of each item's group when the pairs are joined; groups are numbered in order of their first item.
 pub(super) fn groups(n: usize, pairs: impl Iterator<Item = [u32; 2]>) -> Vec<u32> {
     let mut parent: Vec<u32> = (0..n as u32).collect();

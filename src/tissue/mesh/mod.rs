@@ -50,6 +50,7 @@ mod test_domain;
 mod test_invariants;
 #[cfg(test)]
 mod tests;
+mod trial;
 mod tuning;
 mod volume;
 

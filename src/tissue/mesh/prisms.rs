@@ -2,14 +2,11 @@
 
 use rayon::prelude::*;
 
-use super::adjacency::Rows;
+use super::adjacency::{Rows, side_by_side};
 use super::domain::{Foot, InnerTissue, Side};
-use super::lattice::STEPS;
-use super::quality::{scaled_jacobian, scaled_jacobian_curved, smallest_sine};
 use super::stuffing::TetMesh;
-use super::tuning::{
-    BETTER, MAX_SKIN_DISTANCE_MM, REPAIR_ROUNDS, REPAIR_SINE_FLOOR, REPAIR_STEPS, WANTED_JACOBIAN, WORST_JACOBIAN,
-};
+use super::trial::{Trial, quality};
+use super::tuning::{MAX_SKIN_DISTANCE_MM, REPAIR_ROUNDS, WANTED_JACOBIAN, WORST_JACOBIAN};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
 
@@ -51,7 +48,7 @@ impl PrismLayer {
 
     /// Smaller of the scaled Jacobians of the flat and the curved prism.
     pub(super) fn quality(&self, mesh: &TetMesh, face: &[u32; 3]) -> f64 {
-        self.corners(mesh, face).map_or(-1.0, |(p, n)| scaled_jacobian(&p).min(scaled_jacobian_curved(&p, &n)))
+        quality(self.corners(mesh, face))
     }
 
     /// Moves outer nodes along the skin and inner nodes on their own surface until all prisms are well shaped or no move
@@ -70,139 +67,34 @@ impl PrismLayer {
         let mut stirred = vec![true; n];
         for _ in 0..REPAIR_ROUNDS {
             control.check()?;
-            let mut wanted = vec![false; n];
-            for face in self.faces.iter().filter(|f| f.iter().any(|&i| stirred[i as usize])) {
-                if self.quality(mesh, face) < WANTED_JACOBIAN {
-                    for &node in face {
-                        wanted[node as usize] = true;
-                    }
-                }
-            }
+            let wanted = self.nodes_of(&stirred, |layer, face| layer.quality(mesh, face) < WANTED_JACOBIAN);
             stirred.fill(false);
-            if !wanted.contains(&true) {
+            if wanted.is_empty() {
                 break;
             }
-            for node in (0..n).filter(|&i| wanted[i]) {
-                let before = (self.outer_nodes[node].map(|f| f.point), mesh.positions[node]);
-                self.centre_outer(inner, mesh, &prisms, node);
-                for length in REPAIR_STEPS {
-                    self.search_outer(inner, mesh, &prisms, node, length * inner.edge);
-                    self.search_inner(inner, mesh, (&prisms, &tetrahedra), sides[node], node, length * inner.edge);
+            for group in side_by_side(&wanted, &mesh.tetrahedra, &tetrahedra) {
+                let search = |&node: &u32| {
+                    let trial = Trial::new(inner, self, mesh, &prisms, node);
+                    trial.repaired(tetrahedra.row(node as usize), sides[node as usize])
+                };
+                let found: Vec<(Option<Foot>, Point)> = group.par_iter().map(search).collect();
+                for (node, (outer, position)) in group.iter().map(|&n| n as usize).zip(found) {
+                    let before = (self.outer_nodes[node].map(|f| f.point), mesh.positions[node]);
+                    stirred[node] = before != (outer.map(|f| f.point), position);
+                    (self.outer_nodes[node], mesh.positions[node]) = (outer, position);
                 }
-                stirred[node] = before != (self.outer_nodes[node].map(|f| f.point), mesh.positions[node]);
             }
         }
         Ok(())
     }
 
-    fn worst(&self, mesh: &TetMesh, prisms: &Rows, node: usize) -> f64 {
-        prisms.row(node).iter().map(|&f| self.quality(mesh, &self.faces[f as usize])).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Whether all prisms at `node` are better than `least`; stops at the first that is not.
-    fn exceeds(&self, mesh: &TetMesh, prisms: &Rows, node: usize, least: f64) -> bool {
-        let is_better = |f: &u32| match self.corners(mesh, &self.faces[*f as usize]) {
-            Some((p, normals)) => {
-                let is_worse = |quality: f64| quality <= least;
-                !is_worse(scaled_jacobian(&p)) && !is_worse(scaled_jacobian_curved(&p, &normals))
-            }
-            None => false,
-        };
-        prisms.row(node).iter().all(is_better)
-    }
-
-    /// Moves the outer node above `node` to `p`, projected onto the skin, when the worst prism there becomes better than `before`.
-    fn try_outer(
-        &mut self,
-        inner: &InnerTissue<'_>,
-        mesh: &TetMesh,
-        prisms: &Rows,
-        (node, p): (usize, &Point),
-        before: f64,
-    ) -> bool {
-        let old = self.outer_nodes[node];
-        let Some(foot) = inner.foot(p, inner.edge) else { return false };
-        self.outer_nodes[node] = Some(foot);
-        if self.exceeds(mesh, prisms, node, before + BETTER) {
-            return true;
-        }
-        self.outer_nodes[node] = old;
-        false
-    }
-
-    fn centre_outer(&mut self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &Rows, node: usize) {
-        let mut sum = Vector::zeros();
-        let mut count = 0.0;
-        for &f in prisms.row(node) {
-            for &other in self.faces[f as usize].iter().filter(|&&o| o as usize != node) {
-                if let Some(foot) = self.outer_nodes[other as usize] {
-                    sum += foot.point.coords;
-                    count += 1.0;
-                }
-            }
-        }
-        let Some(here) = self.outer_nodes[node] else { return };
-        let before = self.worst(mesh, prisms, node);
-        if count > 0.0 && before < WANTED_JACOBIAN {
-            let mean = Point::from(sum / count);
-            for share in [1.0, 0.5, 0.25] {
-                let to = here.point + (mean - here.point) * share;
-                if self.try_outer(inner, mesh, prisms, (node, &to), before) {
-                    return;
-                }
-            }
-        }
-    }
-
-    fn search_outer(&mut self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &Rows, node: usize, length: f64) {
-        let mut before = self.worst(mesh, prisms, node);
-        for step in STEPS {
-            if before >= WANTED_JACOBIAN {
-                return;
-            }
-            let Some(here) = self.outer_nodes[node] else { return };
-            let direction = Vector::from(step.map(f64::from));
-            let tangent = direction - here.normal * here.normal.dot(&direction);
-            let Some(tangent) = tangent.try_normalize(1e-6) else { continue };
-            if self.try_outer(inner, mesh, prisms, (node, &(here.point + tangent * length)), before) {
-                before = self.worst(mesh, prisms, node);
-            }
-        }
-    }
-
-    fn search_inner(
-        &mut self,
-        inner: &InnerTissue<'_>,
-        mesh: &mut TetMesh,
-        (prisms, tetrahedra): (&Rows, &Rows),
-        side: Option<Side>,
-        node: usize,
-        length: f64,
-    ) {
-        let Some(side) = side else { return };
-        let around = |mesh: &TetMesh| {
-            let worst = tetrahedra
-                .row(node)
-                .iter()
-                .map(|&t| smallest_sine(&mesh.tetrahedra[t as usize].map(|i| mesh.positions[i as usize])));
-            worst.fold(f64::INFINITY, f64::min)
-        };
-        let at = |layer: &Self, mesh: &TetMesh| (layer.worst(mesh, prisms, node), around(mesh).min(REPAIR_SINE_FLOOR));
-        let (mut before, mut floor) = at(self, mesh);
-        for step in STEPS {
-            if before >= WANTED_JACOBIAN {
-                return;
-            }
-            let here = mesh.positions[node];
-            let to = here + Vector::from(step.map(f64::from)).normalize() * length;
-            let Some(p) = inner.project(side, &to, inner.edge) else { continue };
-            mesh.positions[node] = p;
-            if self.exceeds(mesh, prisms, node, before + BETTER) && around(mesh) >= floor {
-                (before, floor) = at(self, mesh);
-            } else {
-                mesh.positions[node] = here;
-            }
-        }
+    /// Nodes of the faces with a `stirred` node that `is_bad`, in rising order.
+    pub(super) fn nodes_of(&self, stirred: &[bool], is_bad: impl Fn(&Self, &[u32; 3]) -> bool + Sync) -> Vec<u32> {
+        let bad = self.faces.par_iter().filter(|f| f.iter().any(|&n| stirred[n as usize]) && is_bad(self, f));
+        let mut nodes: Vec<u32> = bad.flat_map_iter(|f| *f).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes
     }
 
     /// Leaves out the prisms that are still badly shaped and returns their number.

@@ -95,7 +95,6 @@ fn run_with(config: ServeConfig, printed: String) -> CommandResult {
         let signal = stop_signal()?;
         let running = serve::start(config).await?;
         writeln!(std::io::stdout(), "listening on {}", running.url())?;
-        running.until(signal).await;
-        Ok(())
+        Ok(running.until(signal).await?)
     })
 }

@@ -46,6 +46,9 @@ impl Patient {
             Some(file) => read_landmarks(file)?,
             None => phantom_landmarks(&head.landmarks),
         };
+        let path = folder.join("landmarks.json");
+        let text = format!("{landmarks:#}\n");
+        fs::write(&path, text).map_err(|e| DemoError::file(&path, e))?;
         Ok(Self { ct: None, surfaces: Some(surfaces), landmarks: Some(landmarks) })
     }
 }
@@ -62,24 +65,9 @@ fn phantom_landmarks(known: &phantom::Landmarks) -> Value {
     })
 }
 
-/// Reads a landmarks file and converts it to the body of the service's request.
+/// Reads a landmarks file, which is a body of the service's request.
 fn read_landmarks(path: &Path) -> Result<Value, DemoError> {
-    let fault = |detail: String| DemoError::Landmarks { path: path.display().to_string(), detail };
     let text = fs::read_to_string(path).map_err(|e| DemoError::file(path, e))?;
-    let mut file: Value = serde_json::from_str(&text).map_err(|e| fault(e.to_string()))?;
-    let points = file["landmarks"].take();
-    if !points.is_object() {
-        return Err(fault("`landmarks` must be an object {name: [x, y, z]} in mm".to_owned()));
-    }
-    let mut body = Map::from_iter([("points".to_owned(), points)]);
-    for field in ["midline_x_mm", "occlusal_plane_z_mm"] {
-        if file[field].is_number() {
-            body.insert(field.to_owned(), file[field].take());
-        }
-    }
-    if file["le_fort_1_plane"].is_object() {
-        let plane = &file["le_fort_1_plane"];
-        body.insert("le_fort_1_plane".to_owned(), json!({ "point_mm": plane["point"], "normal": plane["normal"] }));
-    }
-    Ok(Value::Object(body))
+    serde_json::from_str(&text)
+        .map_err(|e| DemoError::Landmarks { path: path.display().to_string(), detail: e.to_string() })
 }

@@ -13,7 +13,8 @@ use prosopon_planning::plan::Landmarks;
 
 #[derive(Deserialize)]
 struct LandmarksFile {
-    landmarks: BTreeMap<String, [f64; 3]>,
+    #[serde(alias = "landmarks")]
+    points: BTreeMap<String, [f64; 3]>,
     midline_x_mm: Option<f64>,
     occlusal_plane_z_mm: Option<f64>,
     le_fort_1_plane: Option<PlaneFile>,
@@ -21,7 +22,8 @@ struct LandmarksFile {
 
 #[derive(Deserialize)]
 struct PlaneFile {
-    point: [f64; 3],
+    #[serde(alias = "point")]
+    point_mm: [f64; 3],
     normal: [f64; 3],
 }
 
@@ -30,10 +32,10 @@ pub(super) fn read_landmarks(path: &Path) -> Result<Landmarks, BenchError> {
     let file: LandmarksFile = serde_json::from_slice(&read(path)?)
         .map_err(|e| BenchError::Landmarks { path: path.to_owned(), detail: e.to_string() })?;
     Ok(Landmarks {
-        points: file.landmarks.into_iter().map(|(name, p)| (name, Point::from(p))).collect(),
+        points: file.points.into_iter().map(|(name, p)| (name, Point::from(p))).collect(),
         midline_x_mm: file.midline_x_mm,
         occlusal_z_mm: file.occlusal_plane_z_mm,
-        le_fort_1_plane: file.le_fort_1_plane.map(|p| (p.point.into(), p.normal.into())),
+        le_fort_1_plane: file.le_fort_1_plane.map(|p| (p.point_mm.into(), p.normal.into())),
     })
 }
 

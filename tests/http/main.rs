@@ -18,6 +18,7 @@ mod hostile_requests;
 mod idempotency;
 mod injected_store_faults;
 mod kill_nine;
+mod lost_directory;
 mod openapi;
 mod operator_commands;
 mod problem_types;

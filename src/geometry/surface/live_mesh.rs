@@ -3,7 +3,7 @@
 use super::parts::submesh;
 use super::point_triangle::distance_sq;
 use crate::trimesh::scaled_normal;
-use crate::{Point, TriMesh};
+use crate::{Point, TriMesh, Vector};
 
 const NONE: u32 = u32::MAX;
 
@@ -42,10 +42,19 @@ struct Scratch {
     other: Vec<u32>,
     link_u: Vec<u32>,
     link_v: Vec<u32>,
-    /// Remaining triangles around the edge, with the corners that they would have.
-    changed: Vec<(u32, [Point; 3])>,
+    /// Remaining triangles around the edge.
+    changed: Vec<Changed>,
     /// Pairs of a sample and the index in `changed` of the triangle nearest to it.
     moved: Vec<(u32, u32)>,
+}
+
+/// A triangle with the corners that it would have.
+struct Changed {
+    triangle: u32,
+    corners: [Point; 3],
+    /// Of twice the area.
+    normal: Vector,
+    normal_sq: f64,
 }
 
 impl LiveMesh {
@@ -197,7 +206,7 @@ impl LiveMesh {
                 return false;
             }
             worst_after = worst_after.min(quality(&after));
-            s.changed.push((t, after));
+            s.changed.push(Changed { triangle: t, corners: after, normal: n, normal_sq: n.norm_squared() });
         }
         worst_after >= MIN_QUALITY.min(worst_before)
     }
@@ -212,7 +221,11 @@ impl LiveMesh {
             while sample != NONE {
                 let p = &self.samples[sample as usize];
                 let mut best = (f64::MAX, 0);
-                for (index, (_, [a, b, c])) in s.changed.iter().enumerate() {
+                for (index, Changed { corners: [a, b, c], normal, normal_sq, .. }) in s.changed.iter().enumerate() {
+                    // No point of a triangle is nearer than its plane.
+                    if normal.dot(&(p - a)).powi(2) > best.0 * normal_sq {
+                        continue;
+                    }
                     let d = distance_sq(p, a, b, c);
                     if d < best.0 {
                         best = (d, index as u32);
@@ -243,7 +256,7 @@ impl LiveMesh {
         self.positions[v as usize] = *target;
         self.corners.append_all(v, u);
         for &(sample, index) in &s.moved {
-            let t = s.changed[index as usize].0 as usize;
+            let t = s.changed[index as usize].triangle as usize;
             self.next_sample[sample as usize] = self.first_sample[t];
             self.first_sample[t] = sample;
         }

@@ -61,6 +61,11 @@ impl From<StoreError> for Fault {
                     format!("{error}, or refuses this value; see the log of the service"),
                 )
             }
+            StoreError::DirectoryGone { .. } => {
+                tracing::error!(error = chain(&error), "what is written now is lost");
+                let detail = "the data directory of the service is gone, so nothing is accepted; tell its operator";
+                Self::new(FaultKind::StoreUnavailable, detail)
+            }
             StoreError::Database(_)
             | StoreError::Bucket(_)
             | StoreError::ForeignBlobs { .. }
@@ -73,6 +78,7 @@ impl From<StoreError> for Fault {
             | StoreError::Missing { .. }
             | StoreError::Foreign
             | StoreError::ForeignTables
+            | StoreError::Unfinished
             | StoreError::InUse => {
                 tracing::error!(error = chain(&error), "the store failed");
                 Self::new(FaultKind::Internal, "the store failed; see the log of the service")

@@ -12,7 +12,8 @@ use prosopon_planning::plan::{Landmarks, Proposal};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlacedPlane {
-    /// A point of the plane, LPS mm.
+    /// A point of the plane, LPS mm. Requests may call it `point`, as older files do.
+    #[serde(alias = "point")]
     pub point_mm: [f64; 3],
     /// Normal; unit length in answers.
     pub normal: [f64; 3],
@@ -26,14 +27,30 @@ impl PlacedPlane {
     }
 }
 
+/// Frame and unit in which landmarks are stated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub enum LandmarksFrame {
+    /// x towards the patient's left, y backwards, z upwards, in mm.
+    #[serde(rename = "LPS, mm")]
+    LpsMm,
+}
+
 /// Landmarks and planes of a head, LPS mm.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LandmarksDocument {
     /// At most 500 points by name, LPS mm.
     ///
-    /// Names are `ans`, `pronasale`, `pogonion`, `menton`, `soft_pogonion`, `nasal_bone_tip` and others.
+    /// Names are `ans`, `pronasale`, `pogonion`, `menton`, `soft_pogonion`, `nasal_bone_tip` and others. Requests may call the
+    /// list `landmarks`, as older files do.
+    #[serde(alias = "landmarks")]
     pub points: BTreeMap<String, [f64; 3]>,
+    /// Frame and unit of all coordinates; LPS and mm when absent. No other is accepted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<LandmarksFrame>,
+    /// Accuracy of the points, mm, as a note for readers; nothing depends on it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub accuracy_mm: Option<f64>,
     /// x coordinate of the facial midline, LPS mm.
     #[serde(default)]
     pub midline_x_mm: Option<f64>,
@@ -91,6 +108,9 @@ impl LandmarksDocument {
             if let Some(value) = value {
                 check.number(pointer, value, -REACH_MM, REACH_MM);
             }
+        }
+        if let Some(accuracy) = self.accuracy_mm {
+            check.number("/accuracy_mm", accuracy, 0.0, REACH_MM);
         }
         for (index, name) in self.proposed.iter().take(600).enumerate() {
             let known = match name.as_str() {

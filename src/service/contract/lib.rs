@@ -63,7 +63,7 @@ pub use field::{
 };
 pub use file_faults::FileFaults;
 pub use json::{from_json, to_json};
-pub use landmarks::{LandmarksDocument, PlacedPlane};
+pub use landmarks::{LandmarksDocument, LandmarksFrame, PlacedPlane};
 pub use material::{
     D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument,
     UnstableMaterialName, VolumetricName,

@@ -31,6 +31,8 @@ use prosopon_jobs::{CpuPool, Service, ServiceSettings};
 use prosopon_session::{Engine, Numerics};
 use prosopon_store::{Audit, Store, StoreError};
 
+/// Time between two checks that the data directory is still there.
+const LOOK_FOR_DIRECTORY_EVERY: Duration = Duration::from_secs(1);
 /// Longest wait for an interrupted job, for open requests and for the database when the service stops.
 const GRACE: Duration = Duration::from_secs(20);
 /// Largest head of a request, bytes.
@@ -246,9 +248,31 @@ impl Running {
         tracing::info!("stopped");
     }
 
-    /// Serves until `stop` completes, then shuts down.
-    pub async fn until(self, stop: impl Future<Output = ()>) {
-        stop.await;
-        self.shut_down().await;
+    /// Serves until `stop` completes or the data directory is gone, then shuts down.
+    ///
+    /// # Errors
+    /// [`StoreError::DirectoryGone`].
+    pub async fn until(self, stop: impl Future<Output = ()>) -> Result<(), StoreError> {
+        let store = self.service.store().clone();
+        let gone = async {
+            loop {
+                tokio::time::sleep(LOOK_FOR_DIRECTORY_EVERY).await;
+                if let Err(gone) = store.check_directory() {
+                    return gone;
+                }
+            }
+        };
+        tokio::select! {
+            () = stop => {
+                self.shut_down().await;
+                Ok(())
+            }
+            gone = gone => {
+                tracing::error!(%gone, "the service ends, because what it writes is lost");
+                // Results of running jobs would be lost too, so none is waited for.
+                Self { drain: Duration::ZERO, ..self }.shut_down().await;
+                Err(gone)
+            }
+        }
     }
 }

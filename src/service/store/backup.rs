@@ -7,7 +7,7 @@ use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::directory::{BLOBS, create_private, lock};
+use super::directory::{BLOBS, create_private, is_unfinished, lock, mark_finished, mark_unfinished};
 use super::records::{hex, to_json};
 use super::sqlite::{self, DATABASE, SqliteMeta};
 use super::{MetaStore, StoreError, seal};
@@ -54,7 +54,9 @@ pub fn back_up<'a>(data: &'a Path, out: &'a Path) -> BoxFuture<'a, Result<Backup
 
 async fn copy_out(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
     if out.exists() {
-        return Err(fault(format!("{} exists already; name a new directory", out.display())));
+        let why =
+            if is_unfinished(out)? { "holds a backup that was interrupted; delete it or" } else { "exists already;" };
+        return Err(fault(format!("{} {why} name a new directory", out.display())));
     }
     if !data.join(DATABASE).is_file() {
         let detail = format!("there is no store in {}; back up a Postgres database with its own tools", data.display());
@@ -79,6 +81,7 @@ async fn copy_out(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
 async fn copy_store(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
     let meta = SqliteMeta::open_beside(data).await?;
     create_private(&out.join(BLOBS))?;
+    mark_unfinished(out)?;
     let mut copied = Copied::new();
     for _ in 0..TRIES {
         copy_present(data, out, &mut copied)?;
@@ -186,6 +189,7 @@ fn finish(out: &Path, named: &BTreeSet<String>, mut files: Copied) -> Result<Bac
     let mut file = File::create(out.join(MANIFEST))?;
     file.write_all(manifest.as_bytes())?;
     file.sync_all()?;
+    mark_finished(out)?;
     Ok(report)
 }
 
@@ -200,6 +204,8 @@ fn key_of(name: &str) -> &str {
 }
 
 /// Restores a backup into a data directory without a store; checks every file first.
+///
+/// A directory in which an earlier restore was interrupted counts as one without a store.
 ///
 /// # Errors
 /// [`StoreError::Backup`] when the backup is incomplete or changed, or when the directory has a store;
@@ -227,16 +233,28 @@ async fn copy_back(from: &Path, data: &Path) -> Result<BackupReport, StoreError>
     }
     create_private(data)?;
     let _held = lock(data)?;
+    if is_unfinished(data)? {
+        remove_store(data)?;
+    }
     if data.join(DATABASE).exists() || data.join(BLOBS).exists() {
         return Err(fault(format!("{} has a store already; name an empty directory", data.display())));
     }
+    mark_unfinished(data)?;
     let done = put_back(from, data, &manifest).await.map(|()| report_of(&files));
     if done.is_err() {
         // The directory was empty, so everything removed here came from the backup.
-        sqlite::remove(data)?;
-        std::fs::remove_dir_all(data.join(BLOBS)).ok();
+        remove_store(data)?;
     }
+    mark_finished(data)?;
     done
+}
+
+fn remove_store(data: &Path) -> Result<(), StoreError> {
+    sqlite::remove(data)?;
+    match std::fs::remove_dir_all(data.join(BLOBS)) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error.into()),
+        _ => Ok(()),
+    }
 }
 
 async fn put_back(from: &Path, data: &Path, manifest: &Manifest) -> Result<(), StoreError> {
@@ -378,6 +396,29 @@ mod tests {
         std::fs::write(out.join(MANIFEST), manifest).unwrap();
         std::fs::write(out.join(DATABASE), database).unwrap();
         restore(&out, &back).await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn an_interrupted_copy_is_no_store() {
+        let (directory, data, store, kept) = filled().await;
+        let [out, back] = ["out", "back"].map(|n| directory.path().join(n));
+        back_up(&data, &out).await.unwrap();
+        restore(&out, &back).await.unwrap();
+        // As after a kill before the last file of each.
+        for copy in [&out, &back] {
+            std::fs::remove_file(copy.join(DATABASE)).unwrap();
+            mark_unfinished(copy).unwrap();
+            assert!(matches!(Store::open(copy).await, Err(StoreError::Unfinished)));
+        }
+        let refused = back_up(&data, &out).await;
+        assert!(matches!(refused, Err(StoreError::Backup { detail }) if detail.contains("interrupted")));
+        std::fs::remove_dir_all(&out).unwrap();
+        back_up(&data, &out).await.unwrap();
+        restore(&out, &back).await.unwrap();
+        let restored = Store::open(&back).await.unwrap();
+        assert_eq!(restored.session(kept.id).await.unwrap(), Some(kept));
+        restored.close().await;
+        store.close().await;
     }
 
     #[tokio::test]

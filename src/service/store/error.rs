@@ -1,3 +1,5 @@
+use std::path::PathBuf;
+
 use sqlx::error::DatabaseError;
 
 /// Why the store could not do what was requested.
@@ -85,6 +87,18 @@ pub enum StoreError {
         "the database has tables that no version of this program made; name a database that only this program uses"
     )]
     ForeignTables,
+    /// A backup or a restore into the directory was interrupted.
+    #[error(
+        "a backup or a restore into it was interrupted, so part of its content is missing; repeat the restore, or delete \
+         the directory and repeat the backup"
+    )]
+    Unfinished,
+    /// The path of the data directory does not lead to the opened directory any more.
+    #[error("{} was moved, deleted or replaced while the service used it", directory.display())]
+    DirectoryGone {
+        /// Path of the data directory.
+        directory: PathBuf,
+    },
     /// Another process has the data directory open.
     #[error("another process is using it")]
     InUse,

@@ -2,12 +2,12 @@ mod jobs;
 mod open;
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::sync::Arc;
 use std::time::Duration;
 
 use object_store::ObjectStore;
 
+use super::directory::HeldDirectory;
 use super::records::{now_rfc3339, rfc3339_before};
 use super::{
     AnswerRecord, Blobs, Changes, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId,
@@ -35,8 +35,8 @@ pub struct Store {
     shared: bool,
     /// Name of this process's audit log, under which the rows keep its anchor.
     log: Arc<str>,
-    /// Lock file of the data directory; the lock is held while the file is open.
-    _lock: Option<Arc<File>>,
+    /// The data directory; `None` for a store in memory.
+    directory: Option<Arc<HeldDirectory>>,
 }
 
 impl Store {
@@ -408,6 +408,19 @@ impl Store {
         self.meta.changes().await
     }
 
+    /// Checks that the data directory is still the one that was opened: what is written after a move or deletion is lost.
+    ///
+    /// # Errors
+    /// [`StoreError::DirectoryGone`].
+    pub fn check_directory(&self) -> Result<()> {
+        match &self.directory {
+            Some(directory) if !directory.is_there() => {
+                Err(StoreError::DirectoryGone { directory: directory.path().to_owned() })
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Checks that the database answers and takes writes, and that the bucket does not refuse this process.
     ///
     /// A bucket that cannot be reached passes: jobs wait for it.
@@ -415,6 +428,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn check(&self) -> Result<()> {
+        self.check_directory()?;
         self.meta.check().await?;
         match tokio::time::timeout(BUCKET_ANSWERS, self.blobs.name()).await {
             Ok(Err(error)) if !error.is_unreachable() => Err(error),

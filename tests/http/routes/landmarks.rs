@@ -17,6 +17,17 @@ async fn landmarks_are_checked_and_stored() {
     assert!(missing["detail"].as_str().unwrap().contains("points"), "{missing}");
     assert_eq!(app.get(&path).await.ok(), stored);
 
+    // Files of older versions name two members otherwise.
+    let older = json!({
+        "frame": "LPS, mm", "accuracy_mm": 2, "landmarks": {"ans": [6, -84, 45]}, "midline_x_mm": 6,
+        "occlusal_plane_z_mm": 17, "le_fort_1_plane": {"point": [6, -60, 38], "normal": [0, 0, 1]}
+    });
+    let read = app.put_json(&path, older).await.ok();
+    assert_eq!((&read["points"], &read["le_fort_1_plane"]), (&stored["points"], &stored["le_fort_1_plane"]));
+    let other_frame = json!({"frame": "RAS, mm", "points": {"ans": [6, -84, 45]}});
+    let problem = app.put_json(&path, other_frame).await.problem(422, "invalid-request");
+    assert!(problem["detail"].as_str().unwrap().contains("LPS, mm"), "{problem}");
+
     let faulty = json!({
         "points": {"ans": [1e9, 0, 0], "Nose Tip": [0, 0, 0]},
         "le_fort_1_plane": {"point_mm": [0, 0, 0], "normal": [0, 0, 0]}

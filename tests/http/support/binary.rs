@@ -2,7 +2,8 @@
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
 
 use prosopon_formats::export;
 use prosopon_planning::phantom;
@@ -98,6 +99,18 @@ impl Server {
         let url = line.trim().strip_prefix("listening on ").unwrap_or_else(|| panic!("found {line:?}")).to_owned();
         let agent = Agent::new_with_config(Agent::config_builder().http_status_as_error(false).build());
         Self { child, url, agent }
+    }
+
+    /// How the process ended by itself; `None` when it still runs after `limit`.
+    #[allow(clippy::disallowed_methods, reason = "nobody is told when a process ends")]
+    pub(crate) fn end_within(mut self, limit: Duration) -> Option<ExitStatus> {
+        let begin = Instant::now();
+        loop {
+            match self.child.try_wait().unwrap() {
+                None if begin.elapsed() < limit => std::thread::sleep(Duration::from_millis(50)),
+                ended => return ended,
+            }
+        }
     }
 
     pub(crate) fn get(&self, path: &str) -> Reply {

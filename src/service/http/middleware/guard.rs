@@ -54,7 +54,14 @@ pub(in crate::http) async fn guard(
         Some(problem) => problem.into_response(),
         None => {
             request.extensions_mut().insert(principal);
-            next.run(request).await
+            let response = next.run(request).await;
+            let (status, store) = (response.status(), state.service.store());
+            // What a request writes without the directory is lost, so it is not acknowledged; what fails has that cause.
+            let may_be_lost = status.is_server_error() || !method.is_safe() && status.is_success();
+            match if may_be_lost { store.check_directory() } else { Ok(()) } {
+                Ok(()) => response,
+                Err(gone) => Problem::from(gone).into_response(),
+            }
         }
     };
     if audited {

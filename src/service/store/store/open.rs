@@ -9,7 +9,7 @@ use object_store::ObjectStore;
 use uuid::Uuid;
 
 use super::{Result, Store};
-use crate::directory::{BLOBS, LOCAL_LOG, create_private, given_log_name, lock};
+use crate::directory::{BLOBS, LOCAL_LOG, create_private, given_log_name, is_unfinished, lock, mark_finished};
 use crate::location::{BucketUrl, StoreLocation};
 use crate::postgres::PostgresMeta;
 use crate::sqlite::{self, SqliteMeta};
@@ -21,7 +21,8 @@ impl Store {
     /// Removes blobs that no row names, which a crash may leave.
     ///
     /// # Errors
-    /// [`StoreError::InUse`] when another process has the directory open; [`StoreError::Newer`] and [`StoreError::Foreign`] when
+    /// [`StoreError::InUse`] when another process has the directory open; [`StoreError::Unfinished`] when a copy into it was
+    /// interrupted; [`StoreError::Newer`] and [`StoreError::Foreign`] when
     /// another version or program wrote it; else the disk's or the database's.
     pub fn open(directory: &Path) -> LocalBoxFuture<'_, Result<Self>> {
         Box::pin(async move { Self::open_at(directory, &StoreLocation::default()).await })
@@ -48,7 +49,10 @@ impl Store {
         objects: Option<Arc<dyn ObjectStore>>,
     ) -> Result<Self> {
         create_private(directory)?;
-        let lock = lock(directory)?;
+        let held = lock(directory)?;
+        if is_unfinished(directory)? {
+            return Err(StoreError::Unfinished);
+        }
         let blobs = match objects {
             Some(objects) => Blobs::over(objects),
             None => Blobs::in_directory(&directory.join(BLOBS))?,
@@ -58,7 +62,7 @@ impl Store {
             None => (Arc::new(SqliteMeta::open(directory).await?), LOCAL_LOG.to_owned()),
         };
         let shared = places.database.is_some();
-        let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), _lock: Some(Arc::new(lock)) };
+        let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), directory: Some(Arc::new(held)) };
         store.check_belonging(directory, places).await?;
         // In a shared store another process may be about to name a blob that it has stored, so only a local store is swept.
         if *places == StoreLocation::default() {
@@ -110,9 +114,13 @@ impl Store {
         // The blobs come last: blobs without rows are swept at the next start, rows without blobs would be missing results.
         sqlite::remove(directory)?;
         match std::fs::remove_dir_all(directory.join(BLOBS)) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error.into()),
-            _ => Ok(()),
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error.into()),
+            _ => {}
         }
+        if is_unfinished(directory)? {
+            mark_finished(directory)?;
+        }
+        Ok(())
     }
 }
 

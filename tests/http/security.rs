@@ -301,6 +301,28 @@ async fn only_requests_for_this_host_are_served() {
     refused.problem(421, "foreign-host");
 }
 
+#[tokio::test]
+async fn a_page_of_another_origin_writes_nothing() {
+    let app = TestApp::with(|config| config.origins = vec!["https://plan.example".to_owned()]).await;
+    let write = |headers: &'static [(&'static str, &'static str)]| {
+        app.call(Method::POST, "/v1/sessions", headers, Body::empty())
+    };
+    let host = ("host", "127.0.0.1:8080");
+    for (headers, status) in [
+        (&[("host", "127.0.0.1:8080"), ("origin", "https://evil.example")] as &[_], 403),
+        (&[("host", "127.0.0.1:8080"), ("sec-fetch-site", "cross-site")], 403),
+        (&[("host", "127.0.0.1:8080"), ("origin", "http://127.0.0.1:8080"), ("sec-fetch-site", "same-origin")], 201),
+        (&[("host", "127.0.0.1:8080"), ("origin", "https://plan.example"), ("sec-fetch-site", "cross-site")], 201),
+        (&[("host", "127.0.0.1:8080")], 201),
+    ] {
+        assert_eq!(write(headers).await.status.as_u16(), status, "{headers:?}");
+    }
+    let foreign = [host, ("origin", "https://evil.example")];
+    let sessions = app.call(Method::GET, "/v1/sessions", &foreign, Body::empty()).await.ok();
+    assert_eq!(sessions["sessions"].as_array().unwrap().len(), 3, "reads stay possible, and a page cannot see them");
+    write(&[("host", "127.0.0.1:8080"), ("origin", "null")]).await.problem(403, "foreign-origin");
+}
+
 /// Status and certificate name that Python gets from an HTTPS address, without verifying the certificate.
 fn over_tls(url: &str) -> String {
     let script = "import ssl, sys, urllib.request as r\n\

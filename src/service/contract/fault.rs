@@ -93,6 +93,8 @@ kinds! {
     NotReady = "not-ready",
     /// The request is not for this host.
     ForeignHost = "foreign-host",
+    /// A web page of another origin wants to write.
+    ForeignOrigin = "foreign-origin",
     /// Too many jobs wait.
     QueueFull = "queue-full",
     /// Too many jobs of one tenant wait.

@@ -150,6 +150,7 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
         K::RegistrationFailed => (S::UNPROCESSABLE_ENTITY, "The surfaces cannot be registered"),
         K::NoReference => (S::NOT_FOUND, "There is no reference to compare with"),
         K::NotReady => (S::NOT_FOUND, "The result is not available"),
+        K::ForeignOrigin => (S::FORBIDDEN, "The request comes from a page of another origin"),
         K::ForeignHost => (S::MISDIRECTED_REQUEST, "The request is for another host"),
         K::QueueFull => (S::SERVICE_UNAVAILABLE, "Too many jobs are waiting"),
         K::TenantQueueFull => (S::TOO_MANY_REQUESTS, "Too many of your jobs are waiting"),

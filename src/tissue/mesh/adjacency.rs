@@ -166,4 +166,30 @@ mod tests {
     fn groups_are_numbered_by_first_item() {
         assert_eq!(groups(6, [[4, 2], [5, 0], [2, 1]].into_iter()), [0, 1, 1, 2, 1, 0]);
     }
+
+    #[test]
+    fn group_after_group_gives_the_same_as_node_after_node() {
+        // A strip of triangles; each move takes the sum of the neighbours.
+        let faces: Vec<[u32; 3]> = (0..40).map(|n| [n, n + 1, n + 2]).collect();
+        let at = Rows::incidence(42, &faces);
+        // Each node once, in leaps of five.
+        let nodes: Vec<u32> = (0..42).map(|n| 5 * n % 42).collect();
+        let moved = |values: &[u64], node: u32| -> u64 {
+            let around = at.row(node as usize).iter().flat_map(|&f| faces[f as usize]);
+            around.map(|n| values[n as usize]).fold(u64::from(node), |sum, v| sum.wrapping_mul(3).wrapping_add(v))
+        };
+        let mut in_turn: Vec<u64> = (0..42).collect();
+        for &node in &nodes {
+            in_turn[node as usize] = moved(&in_turn, node);
+        }
+        let mut by_group: Vec<u64> = (0..42).collect();
+        let groups = side_by_side(&nodes, &faces, &at);
+        for group in &groups {
+            let found: Vec<u64> = group.iter().map(|&node| moved(&by_group, node)).collect();
+            group.iter().zip(found).for_each(|(&node, value)| by_group[node as usize] = value);
+        }
+        assert_eq!(by_group, in_turn);
+        assert_eq!(groups.iter().map(Vec::len).sum::<usize>(), nodes.len());
+        assert!(groups.iter().any(|group| group.len() > 1), "{groups:?}");
+    }
 }

@@ -229,20 +229,20 @@ impl Running {
     /// It takes no new jobs, waits for running jobs up to the configured time, interrupts the rest (the next start resumes
     /// them), lets open requests end and closes the store.
     pub fn shut_down(self) -> BoxFuture<'static, ()> {
-        Box::pin(self.ended())
+        Box::pin(self.ended(GRACE))
     }
 
-    async fn ended(self) {
+    async fn ended(self, grace: Duration) {
         self.service.drain(self.drain).await;
-        self.service.shut_down(GRACE).await;
-        self.handle.graceful_shutdown(Some(GRACE));
-        match tokio::time::timeout(GRACE + Duration::from_secs(1), self.server).await {
+        self.service.shut_down(grace).await;
+        self.handle.graceful_shutdown(Some(grace));
+        match tokio::time::timeout(grace + Duration::from_secs(1), self.server).await {
             Ok(Ok(Ok(()))) => {}
             Ok(ended) => tracing::warn!(?ended, "the server ended with an error"),
             Err(_) => tracing::warn!("open requests did not end in time"),
         }
         // A database that does not answer would block the shutdown.
-        if tokio::time::timeout(GRACE, self.service.store().close()).await.is_err() {
+        if tokio::time::timeout(grace, self.service.store().close()).await.is_err() {
             tracing::warn!("the database did not close its connections in time");
         }
         tracing::info!("stopped");
@@ -269,8 +269,8 @@ impl Running {
             }
             gone = gone => {
                 tracing::error!(%gone, "the service ends, because what it writes is lost");
-                // Results of running jobs would be lost too, so none is waited for.
-                Self { drain: Duration::ZERO, ..self }.shut_down().await;
+                // Results of running jobs and requests would be lost too, so none is waited for.
+                Self { drain: Duration::ZERO, ..self }.ended(LOOK_FOR_DIRECTORY_EVERY).await;
                 Err(gone)
             }
         }

@@ -58,6 +58,9 @@ async fn copy_out(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
             if is_unfinished(out)? { "holds a backup that was interrupted; delete it or" } else { "exists already;" };
         return Err(fault(format!("{} {why} name a new directory", out.display())));
     }
+    if is_unfinished(data)? {
+        return Err(StoreError::Unfinished);
+    }
     if !data.join(DATABASE).is_file() {
         let detail = format!("there is no store in {}; back up a Postgres database with its own tools", data.display());
         return Err(fault(detail));
@@ -409,6 +412,7 @@ mod tests {
             std::fs::remove_file(copy.join(DATABASE)).unwrap();
             mark_unfinished(copy).unwrap();
             assert!(matches!(Store::open(copy).await, Err(StoreError::Unfinished)));
+            assert!(matches!(back_up(copy, &directory.path().join("of copy")).await, Err(StoreError::Unfinished)));
         }
         let refused = back_up(&data, &out).await;
         assert!(matches!(refused, Err(StoreError::Backup { detail }) if detail.contains("interrupted")));

@@ -1,4 +1,5 @@
 use std::fmt;
+use std::fs::File;
 use std::path::Path as FsPath;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -11,6 +12,7 @@ use object_store::{ObjectStore, ObjectStoreExt, PutPayload, WriteMultipart};
 use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
+use super::directory::Watched;
 use super::records::hex;
 use super::{SessionId, StoreError, seal};
 
@@ -39,6 +41,7 @@ pub struct Blobs {
     objects: Arc<dyn ObjectStore>,
     /// Directory of the files, where unfinished uploads are found; `None` for other object stores.
     root: Option<Arc<FsPath>>,
+    watched: Option<Arc<Watched>>,
 }
 
 impl fmt::Debug for Blobs {
@@ -51,11 +54,17 @@ impl Blobs {
     pub(super) fn in_directory(root: &FsPath) -> Result<Self, StoreError> {
         std::fs::create_dir_all(root)?;
         let local = LocalFileSystem::new_with_prefix(root)?.with_fsync(true).with_automatic_cleanup(true);
-        Ok(Self { objects: Arc::new(local), root: Some(Arc::from(root)) })
+        let watched = Watched::new(root, File::open(root).ok())?;
+        Ok(Self { objects: Arc::new(local), root: Some(Arc::from(root)), watched: Some(Arc::new(watched)) })
     }
 
     pub(super) fn over(objects: Arc<dyn ObjectStore>) -> Self {
-        Self { objects, root: None }
+        Self { objects, root: None, watched: None }
+    }
+
+    /// Checks that the directory of the files is still the one that was opened; a write would make it anew.
+    pub(super) fn check_directory(&self) -> Result<(), StoreError> {
+        self.watched.as_ref().map_or(Ok(()), |watched| watched.check())
     }
 
     /// The name of the database that owns this bucket or directory, if it is recorded.
@@ -91,7 +100,9 @@ impl Blobs {
         let hash = Sha256::digest(&bytes);
         let info = BlobInfo { key: key.to_string(), bytes: bytes.len() as u64, sha256: hex(&hash) };
         let seal = Bytes::from_owner(seal::seal(&info.key, &hash));
+        self.check_directory()?;
         self.objects.put(&key, PutPayload::from_iter([Bytes::from(bytes), seal])).await?;
+        self.check_directory()?;
         Ok(info)
     }
 
@@ -103,8 +114,9 @@ impl Blobs {
     /// [`StoreError::Blob`].
     pub async fn upload(&self, session: SessionId, max_bytes: u64) -> Result<Upload, StoreError> {
         let key = fresh_key(session);
+        self.check_directory()?;
         let writer = WriteMultipart::new(self.objects.put_multipart(&key).await?);
-        Ok(Upload { key, writer, hash: Sha256::new(), bytes: 0, max_bytes })
+        Ok(Upload { blobs: self.clone(), key, writer, hash: Sha256::new(), bytes: 0, max_bytes })
     }
 
     /// The whole content of a blob, checked against its seal.
@@ -162,6 +174,10 @@ impl Blobs {
     }
 
     async fn remove_now(&self, keys: Vec<Path>) {
+        if let Err(error) = self.check_directory() {
+            tracing::warn!(%error, "blobs are not removed; a sweep finds them");
+            return;
+        }
         let mut removed = self.objects.delete_stream(futures::stream::iter(keys.into_iter().map(Ok)).boxed());
         while let Some(removed) = removed.next().await {
             match removed {
@@ -243,6 +259,7 @@ fn fresh_key(session: SessionId) -> Path {
 
 /// A blob that is being uploaded in pieces.
 pub struct Upload {
+    blobs: Blobs,
     key: Path,
     writer: WriteMultipart,
     hash: Sha256,
@@ -279,7 +296,9 @@ impl Upload {
     pub async fn finish(mut self) -> Result<BlobInfo, StoreError> {
         let (key, hash) = (self.key.to_string(), self.hash.finalize());
         self.writer.put(Bytes::from_owner(seal::seal(&key, &hash)));
+        self.blobs.check_directory()?;
         self.writer.finish().await?;
+        self.blobs.check_directory()?;
         Ok(BlobInfo { key, bytes: self.bytes, sha256: hex(&hash) })
     }
 

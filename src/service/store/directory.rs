@@ -1,6 +1,6 @@
 //! The data directory of a process.
 
-use std::fs::{File, TryLockError};
+use std::fs::{File, Metadata, TryLockError};
 use std::path::{Path, PathBuf};
 
 use super::StoreError;
@@ -37,43 +37,48 @@ pub(super) fn given_log_name(directory: &Path) -> std::io::Result<String> {
     Ok(name)
 }
 
-/// A directory that this process has locked; the lock is held while this lives.
+/// A file or directory that must stay where it was opened.
 #[derive(Debug)]
-pub(super) struct HeldDirectory {
-    lock: File,
+pub(super) struct Watched {
+    /// Absolute, so that a move of the working directory is seen too.
     path: PathBuf,
+    found: Metadata,
+    /// Keeps the number of the file from being used again.
+    _held: Option<File>,
 }
 
-impl HeldDirectory {
-    /// Whether the path still leads to the locked directory. Otherwise it was moved, deleted or made again.
-    pub(super) fn is_there(&self) -> bool {
-        match (self.lock.metadata(), std::fs::metadata(self.path.join(LOCK))) {
-            (Ok(held), Ok(found)) => is_same_file(&held, &found),
-            _ => false,
-        }
+impl Watched {
+    pub(super) fn new(path: &Path, held: Option<File>) -> std::io::Result<Self> {
+        Ok(Self { path: std::path::absolute(path)?, found: std::fs::metadata(path)?, _held: held })
     }
 
-    pub(super) fn path(&self) -> &Path {
-        &self.path
+    /// # Errors
+    /// [`StoreError::DirectoryGone`] when the path does not lead to what was opened.
+    pub(super) fn check(&self) -> Result<(), StoreError> {
+        match std::fs::metadata(&self.path) {
+            Ok(now) if is_same_file(&self.found, &now) => Ok(()),
+            _ => Err(StoreError::DirectoryGone { path: self.path.clone() }),
+        }
     }
 }
 
 #[cfg(unix)]
-fn is_same_file(a: &std::fs::Metadata, b: &std::fs::Metadata) -> bool {
+fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
     use std::os::unix::fs::MetadataExt as _;
     (a.dev(), a.ino()) == (b.dev(), b.ino())
 }
 
 #[cfg(not(unix))]
-fn is_same_file(_: &std::fs::Metadata, _: &std::fs::Metadata) -> bool {
+fn is_same_file(_: &Metadata, _: &Metadata) -> bool {
     true
 }
 
-/// Locks the directory for this process.
-pub(super) fn lock(directory: &Path) -> Result<HeldDirectory, StoreError> {
-    let lock = File::create(directory.join(LOCK))?;
+/// Locks the directory for this process, as long as the result lives.
+pub(super) fn lock(directory: &Path) -> Result<Watched, StoreError> {
+    let path = directory.join(LOCK);
+    let lock = File::create(&path)?;
     match lock.try_lock() {
-        Ok(()) => Ok(HeldDirectory { lock, path: directory.to_owned() }),
+        Ok(()) => Ok(Watched::new(&path, Some(lock))?),
         Err(TryLockError::WouldBlock) => Err(StoreError::InUse),
         Err(TryLockError::Error(error)) => Err(StoreError::Io(error)),
     }

@@ -93,11 +93,11 @@ pub enum StoreError {
          the directory and repeat the backup"
     )]
     Unfinished,
-    /// The path of the data directory does not lead to the opened directory any more.
-    #[error("{} was moved, deleted or replaced while the service used it", directory.display())]
+    /// A path in the data directory does not lead to what was opened there.
+    #[error("{} was moved, deleted, replaced or made inaccessible while the service used it", path.display())]
     DirectoryGone {
-        /// Path of the data directory.
-        directory: PathBuf,
+        /// The path.
+        path: PathBuf,
     },
     /// Another process has the data directory open.
     #[error("another process is using it")]

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use object_store::ObjectStore;
 
-use super::directory::HeldDirectory;
+use super::directory::Watched;
 use super::records::{now_rfc3339, rfc3339_before};
 use super::{
     AnswerRecord, Blobs, Changes, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId,
@@ -35,8 +35,8 @@ pub struct Store {
     shared: bool,
     /// Name of this process's audit log, under which the rows keep its anchor.
     log: Arc<str>,
-    /// The data directory; `None` for a store in memory.
-    directory: Option<Arc<HeldDirectory>>,
+    /// The lock of the data directory, and the database if it is there.
+    watched: Arc<[Watched]>,
 }
 
 impl Store {
@@ -408,17 +408,13 @@ impl Store {
         self.meta.changes().await
     }
 
-    /// Checks that the data directory is still the one that was opened: what is written after a move or deletion is lost.
+    /// Checks that the data directory and what is in it are still those that were opened: what is written otherwise is lost.
     ///
     /// # Errors
     /// [`StoreError::DirectoryGone`].
     pub fn check_directory(&self) -> Result<()> {
-        match &self.directory {
-            Some(directory) if !directory.is_there() => {
-                Err(StoreError::DirectoryGone { directory: directory.path().to_owned() })
-            }
-            _ => Ok(()),
-        }
+        self.watched.iter().try_for_each(Watched::check)?;
+        self.blobs.check_directory()
     }
 
     /// Checks that the database answers and takes writes, and that the bucket does not refuse this process.

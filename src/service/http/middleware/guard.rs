@@ -54,9 +54,13 @@ pub(in crate::http) async fn guard(
         Some(problem) => problem.into_response(),
         None => {
             request.extensions_mut().insert(principal);
+            // What a request writes without the directory is lost: it is not begun then, and not acknowledged.
+            if let Err(gone) = if method.is_safe() { Ok(()) } else { state.service.store().check_directory() } {
+                return Problem::from(gone).into_response();
+            }
             let response = next.run(request).await;
             let (status, store) = (response.status(), state.service.store());
-            // What a request writes without the directory is lost, so it is not acknowledged; what fails has that cause.
+            // What fails without the directory has that cause.
             let may_be_lost = status.is_server_error() || !method.is_safe() && status.is_success();
             match if may_be_lost { store.check_directory() } else { Ok(()) } {
                 Ok(()) => response,

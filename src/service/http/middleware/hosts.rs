@@ -2,7 +2,7 @@ use std::net::IpAddr;
 
 use axum::extract::{Request, State};
 use axum::http::uri::Authority;
-use axum::http::{HeaderMap, HeaderName, Method, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
@@ -70,13 +70,22 @@ fn is_allowed(host: &str, allowed: &[String]) -> bool {
 ///
 /// Programs other than browsers send neither header.
 fn is_foreign(headers: &HeaderMap, host: &str, allowed: &[String]) -> bool {
-    match headers.get(header::ORIGIN).map(|origin| origin.to_str().unwrap_or_default()) {
-        Some(origin) => {
-            let own = origin.split_once("://").is_some_and(|(_, authority)| authority.eq_ignore_ascii_case(host));
-            !own && !allowed.iter().any(|a| a.eq_ignore_ascii_case(origin))
+    let is_own = |origin: &str| match origin.split_once("://") {
+        Some((scheme, authority)) => {
+            let default_port = if scheme == "https" { ":443" } else { ":80" };
+            authority.eq_ignore_ascii_case(host.strip_suffix(default_port).unwrap_or(host))
         }
-        None => headers.get(SEC_FETCH_SITE).is_some_and(|site| site != "same-origin" && site != "none"),
+        None => false,
+    };
+    let is_allowed = |origin: &HeaderValue| {
+        let origin = origin.to_str().unwrap_or_default();
+        is_own(origin) || allowed.iter().any(|a| a.eq_ignore_ascii_case(origin))
+    };
+    let mut origins = headers.get_all(header::ORIGIN).iter().peekable();
+    if origins.peek().is_some() {
+        return !origins.all(is_allowed);
     }
+    !headers.get_all(SEC_FETCH_SITE).iter().all(|site| site == "same-origin" || site == "none")
 }
 
 #[cfg(test)]
@@ -117,5 +126,9 @@ mod tests {
             assert_eq!(foreign(SEC_FETCH_SITE, site), is, "{site}");
         }
         assert!(!is_foreign(&HeaderMap::new(), "localhost:8080", &[]), "a program");
+        let mut two = HeaderMap::from_iter([(header::ORIGIN, "http://localhost".parse().unwrap())]);
+        assert!(!is_foreign(&two, "localhost:80", &[]) && is_foreign(&two, "localhost:443", &[]));
+        two.append(header::ORIGIN, "https://evil.example".parse().unwrap());
+        assert!(is_foreign(&two, "localhost", &[]), "all of several must be allowed");
     }
 }

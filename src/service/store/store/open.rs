@@ -9,7 +9,7 @@ use object_store::ObjectStore;
 use uuid::Uuid;
 
 use super::{Result, Store};
-use crate::directory::{BLOBS, LOCAL_LOG, create_private, given_log_name, is_unfinished, lock, mark_finished};
+use crate::directory::{BLOBS, LOCAL_LOG, Watched, create_private, given_log_name, is_unfinished, lock, mark_finished};
 use crate::location::{BucketUrl, StoreLocation};
 use crate::postgres::PostgresMeta;
 use crate::sqlite::{self, SqliteMeta};
@@ -62,7 +62,12 @@ impl Store {
             None => (Arc::new(SqliteMeta::open(directory).await?), LOCAL_LOG.to_owned()),
         };
         let shared = places.database.is_some();
-        let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), directory: Some(Arc::new(held)) };
+        let mut watched = vec![held];
+        if !shared {
+            // A handle of its own would release SQLite's locks when it is closed.
+            watched.push(Watched::new(&directory.join(sqlite::DATABASE), None)?);
+        }
+        let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), watched: watched.into() };
         store.check_belonging(directory, places).await?;
         // In a shared store another process may be about to name a blob that it has stored, so only a local store is swept.
         if *places == StoreLocation::default() {

@@ -11,6 +11,7 @@ mod fields;
 mod globes;
 mod mouth;
 mod outer_surface;
+mod pressed_globes;
 mod reach;
 mod ready_mesh;
 mod run;
@@ -23,9 +24,10 @@ pub use attach::{Attached, AttachmentRules, Beyond, NodeClass, Paint, SkullPaint
 pub use bone::{CutBone, cut_bone, segment_fields};
 pub use error::SimulateError;
 pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_around};
-pub use globes::{Globe, globe_warnings};
+pub use globes::Globe;
 pub use mouth::Mouth;
 pub use outer_surface::OuterSurface;
+pub use pressed_globes::globe_warnings;
 pub use reach::displacement_class_mm;
 pub use ready_mesh::{CellIndex, READY_MESH_LOCKING, ReadyMesh, ReadyMeshError};
 pub use run::{

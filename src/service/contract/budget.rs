@@ -3,7 +3,7 @@ use utoipa::ToSchema;
 
 use super::check::Check;
 use super::material::LockingName;
-use super::solve::ModelName;
+use super::model_name::ModelName;
 use prosopon_planning::simulate::budget::{Choice, Grounds, Setting};
 
 /// Limits of the asked error, mm.

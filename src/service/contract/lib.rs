@@ -24,6 +24,7 @@ mod landmarks;
 mod material;
 mod material_check;
 mod mesh;
+mod model_name;
 mod motion;
 mod osteotomy;
 mod plan;
@@ -70,6 +71,7 @@ pub use material::{
 };
 pub use material_check::check_material;
 pub use mesh::{MeshDocument, MeshRequest, MouthDocument};
+pub use model_name::ModelName;
 pub use motion::{motion_from, motion_parts};
 pub use osteotomy::{
     ClearanceDocument, CreateOsteotomy, Cuts, OsteotomyDocument, ProtectedRequest, SegmentDocument, TemplateName,
@@ -84,7 +86,7 @@ pub use region::RegionRequest;
 pub use registration::RegistrationDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
 pub use session::{CreateSession, MAX_STEPS, SessionSettings};
-pub use solve::{ModelName, OutputName, SolveRequest, SolverOptions};
+pub use solve::{OutputName, SolveRequest, SolverOptions};
 pub use statistics::StatisticsDocument;
 pub use step::{LeftOutDocument, ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
 pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};

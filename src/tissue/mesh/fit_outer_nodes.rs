@@ -9,24 +9,9 @@ use super::prisms::PrismLayer;
 use super::stuffing::TetMesh;
 use super::trial::Trial;
 use super::tuning::{FIT_ROUNDS, TARGET_SKIN_DISTANCE_MM};
-use prosopon_geometry::Point;
 use prosopon_geometry::control::{Cancelled, Control};
 
-/// Largest distance from the skin of an outer triangle's barycentre and edge midpoints, mm.
-pub(super) fn stand_off(inner: &InnerTissue<'_>, [a, b, c]: &[Point; 3]) -> f64 {
-    let barycentre = Point::from((a.coords + b.coords + c.coords) / 3.0);
-    let middles = [nalgebra::center(a, b), nalgebra::center(b, c), nalgebra::center(c, a)];
-    let distance = |p: &Point| inner.domain.skin.value(p).abs();
-    middles.iter().map(distance).fold(distance(&barycentre), f64::max)
-}
-
 impl PrismLayer {
-    /// Distance of the outer triangle above `face` from the skin, mm; `None` when an outer node is missing.
-    pub(super) fn stand_off(&self, inner: &InnerTissue<'_>, face: &[u32; 3]) -> Option<f64> {
-        let [a, b, c] = face.map(|n| self.outer_nodes[n as usize].map(|f| f.point));
-        Some(stand_off(inner, &[a?, b?, c?]))
-    }
-
     /// Moves the outer nodes of outer triangles that are off the skin where that reduces the distances around them and keeps the
     /// prisms well shaped.
     pub(super) fn fit_outer_nodes(

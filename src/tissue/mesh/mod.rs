@@ -37,6 +37,7 @@ mod quality;
 mod refine;
 mod refined_lattice;
 mod refinement_marks;
+mod repair;
 mod report;
 mod slit;
 mod smooth;

@@ -1,13 +1,11 @@
-//! Extrudes the triangles of the skin side to a layer of prisms and repairs it where it folds.
+//! Extrudes the triangles of the skin side to a layer of prisms.
 
 use rayon::prelude::*;
 
-use super::adjacency::{Rows, side_by_side};
-use super::domain::{Foot, InnerTissue, Side};
+use super::domain::{Foot, InnerTissue};
+use super::quality::{scaled_jacobian, scaled_jacobian_curved};
 use super::stuffing::TetMesh;
-use super::trial::{Trial, quality};
-use super::tuning::{MAX_SKIN_DISTANCE_MM, REPAIR_ROUNDS, WANTED_JACOBIAN, WORST_JACOBIAN};
-use prosopon_geometry::control::{Cancelled, Control};
+use super::tuning::{MAX_SKIN_DISTANCE_MM, WORST_JACOBIAN};
 use prosopon_geometry::{Point, Vector};
 
 /// Triangles of the skin side with one outer node per inner node.
@@ -51,43 +49,6 @@ impl PrismLayer {
         quality(self.corners(mesh, face))
     }
 
-    /// Moves outer nodes along the skin and inner nodes on their own surface until all prisms are well shaped or no move
-    /// improves them.
-    pub(super) fn repair(
-        &mut self,
-        inner: &InnerTissue<'_>,
-        mesh: &mut TetMesh,
-        sides: &[Option<Side>],
-        control: &Control,
-    ) -> Result<(), Cancelled> {
-        let n = mesh.positions.len();
-        let prisms = Rows::incidence(n, &self.faces);
-        let tetrahedra = Rows::incidence(n, &mesh.tetrahedra);
-        // A search around nodes without a move in the last round would find nothing new.
-        let mut stirred = vec![true; n];
-        for _ in 0..REPAIR_ROUNDS {
-            control.check()?;
-            let wanted = self.nodes_of(&stirred, |layer, face| layer.quality(mesh, face) < WANTED_JACOBIAN);
-            stirred.fill(false);
-            if wanted.is_empty() {
-                break;
-            }
-            for group in side_by_side(&wanted, &mesh.tetrahedra, &tetrahedra) {
-                let search = |&node: &u32| {
-                    let trial = Trial::new(inner, self, mesh, &prisms, node);
-                    trial.repaired(tetrahedra.row(node as usize), sides[node as usize])
-                };
-                let found: Vec<(Option<Foot>, Point)> = group.par_iter().map(search).collect();
-                for (node, (outer, position)) in group.iter().map(|&n| n as usize).zip(found) {
-                    let before = (self.outer_nodes[node].map(|f| f.point), mesh.positions[node]);
-                    stirred[node] = before != (outer.map(|f| f.point), position);
-                    (self.outer_nodes[node], mesh.positions[node]) = (outer, position);
-                }
-            }
-        }
-        Ok(())
-    }
-
     /// Nodes of the faces with a `stirred` node that `is_bad`, in rising order.
     pub(super) fn nodes_of(&self, stirred: &[bool], is_bad: impl Fn(&Self, &[u32; 3]) -> bool + Sync) -> Vec<u32> {
         let bad = self.faces.par_iter().filter(|f| f.iter().any(|&n| stirred[n as usize]) && is_bad(self, f));
@@ -95,6 +56,12 @@ impl PrismLayer {
         nodes.sort_unstable();
         nodes.dedup();
         nodes
+    }
+
+    /// Distance of the outer triangle above `face` from the skin, mm; `None` when an outer node is missing.
+    pub(super) fn stand_off(&self, inner: &InnerTissue<'_>, face: &[u32; 3]) -> Option<f64> {
+        let [a, b, c] = face.map(|n| self.outer_nodes[n as usize].map(|f| f.point));
+        Some(stand_off(inner, &[a?, b?, c?]))
     }
 
     /// Leaves out the prisms that are still badly shaped and returns their number.
@@ -123,4 +90,17 @@ impl PrismLayer {
         let [a, b, c] = face.map(|n| self.outer_nodes[n as usize].map(|f| f.point.coords));
         Some(Point::from((a? + b? + c?) / 3.0))
     }
+}
+
+/// Largest distance from the skin of an outer triangle's barycentre and edge midpoints, mm.
+pub(super) fn stand_off(inner: &InnerTissue<'_>, [a, b, c]: &[Point; 3]) -> f64 {
+    let barycentre = Point::from((a.coords + b.coords + c.coords) / 3.0);
+    let middles = [nalgebra::center(a, b), nalgebra::center(b, c), nalgebra::center(c, a)];
+    let distance = |p: &Point| inner.domain.skin.value(p).abs();
+    middles.iter().map(distance).fold(distance(&barycentre), f64::max)
+}
+
+/// Smaller of the scaled Jacobians of the flat and the curved prism; -1 for one without all its corners.
+pub(super) fn quality(corners: Option<([Point; 6], [Vector; 3])>) -> f64 {
+    corners.map_or(-1.0, |(p, n)| scaled_jacobian(&p).min(scaled_jacobian_curved(&p, &n)))
 }

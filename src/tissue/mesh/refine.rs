@@ -8,8 +8,7 @@ use rayon::prelude::*;
 
 use super::adjacency::sorted;
 use super::domain::{Foot, InnerTissue, Side};
-use super::fit_outer_nodes::stand_off;
-use super::prisms::PrismLayer;
+use super::prisms::{PrismLayer, stand_off};
 use super::quality::smallest_sine;
 use super::stuffing::TetMesh;
 use super::tuning::{

@@ -2,9 +2,8 @@
 
 use super::adjacency::Rows;
 use super::domain::{Foot, InnerTissue, Side};
-use super::fit_outer_nodes::stand_off;
 use super::lattice::STEPS;
-use super::prisms::PrismLayer;
+use super::prisms::{PrismLayer, quality, stand_off};
 use super::quality::{scaled_jacobian, scaled_jacobian_curved, smallest_sine};
 use super::stuffing::TetMesh;
 use super::tuning::{
@@ -205,9 +204,4 @@ impl<'a, 'd> Trial<'a, 'd> {
             }
         }
     }
-}
-
-/// Smaller of the scaled Jacobians of the flat and the curved prism; -1 for one without all its corners.
-pub(super) fn quality(corners: Option<([Point; 6], [Vector; 3])>) -> f64 {
-    corners.map_or(-1.0, |(p, n)| scaled_jacobian(&p).min(scaled_jacobian_curved(&p, &n)))
 }

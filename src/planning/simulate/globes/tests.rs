@@ -1,3 +1,5 @@
+use super::super::CutBone;
+use super::super::pressed_globes::{globe_warnings, pressed};
 use super::*;
 use crate::plan::{BoundedPlane, Cut, Path, Plan};
 use crate::simulate::{

@@ -11,8 +11,8 @@ pub(super) struct Block {
 
 /// Divides a mesh into boxes of equally many triangles, at most `max_triangles` each.
 ///
-/// The blocks depend on the mesh only, never on the number of threads.
-pub(super) fn blocks(mesh: &TriMesh, max_triangles: usize) -> Vec<Block> {
+/// The blocks depend on the mesh only, never on the number of threads. `None` when a part is no mesh, which no valid mesh has.
+pub(super) fn blocks(mesh: &TriMesh, max_triangles: usize) -> Option<Vec<Block>> {
     let centres: Vec<Point> = (0..mesh.triangles().len())
         .map(|t| {
             let [a, b, c] = mesh.corners(t);
@@ -23,7 +23,7 @@ pub(super) fn blocks(mesh: &TriMesh, max_triangles: usize) -> Vec<Block> {
     let mut all: Vec<u32> = (0..centres.len() as u32).collect();
     halve(&centres, &mut all, max_triangles.max(1), &mut boxes);
     let mut renumbered = vec![u32::MAX; mesh.positions().len()];
-    boxes.into_iter().filter_map(|triangles| block(mesh, &triangles, &mut renumbered)).collect()
+    boxes.into_iter().map(|triangles| block(mesh, &triangles, &mut renumbered)).collect()
 }
 
 /// Divides `triangles` at the median along the longest side of their box until they are few enough.

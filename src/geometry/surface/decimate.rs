@@ -86,27 +86,28 @@ fn decimate_in_blocks(
     let all = mesh.triangles().len();
     let removed = AtomicUsize::new(0);
     let share = all.saturating_sub(min_triangles).max(1) as f64;
-    let removing = |n: usize| progress((removed.fetch_add(n, Ordering::Relaxed) + n) as f64 / share);
+    let add_removed = |n: usize| progress((removed.fetch_add(n, Ordering::Relaxed) + n) as f64 / share);
     let mut fixed = vec![false; mesh.positions().len()];
     for v in irregular_vertices(mesh) {
         fixed[v as usize] = true;
     }
-    let mut work = if all <= block_size {
-        Decimation::new(mesh, fixed, max_error)
-    } else {
-        let blocks = blocks(mesh, block_size);
-        let borders = borders(&blocks, fixed.len());
-        let parts = blocks.into_par_iter().map(|block| {
-            let fixed = block.vertices.iter().map(|&v| fixed[v as usize] || borders[v as usize]).collect();
-            let mut part = Decimation::new(&block.mesh, fixed, max_error);
-            let least = (min_triangles as f64 * block.mesh.triangles().len() as f64 / all as f64).ceil() as usize;
-            part.run(least, control, &removing)?;
-            Ok((block.vertices, part))
-        });
-        let parts: Vec<(Vec<u32>, Decimation)> = parts.collect::<Result<_, Cancelled>>()?;
-        Decimation::joined(mesh.positions(), fixed, &borders, parts, max_error)
+    let blocks = if all > block_size { blocks(mesh, block_size) } else { None };
+    let mut work = match blocks {
+        None => Decimation::new(mesh, fixed, max_error),
+        Some(blocks) => {
+            let borders = borders(&blocks, fixed.len());
+            let parts = blocks.into_par_iter().map(|block| {
+                let fixed = block.vertices.iter().map(|&v| fixed[v as usize] || borders[v as usize]).collect();
+                let mut part = Decimation::new(&block.mesh, fixed, max_error);
+                let least = (min_triangles as f64 * block.mesh.triangles().len() as f64 / all as f64).ceil() as usize;
+                part.run(least, control, &add_removed)?;
+                Ok((block.vertices, part))
+            });
+            let parts: Vec<(Vec<u32>, Decimation)> = parts.collect::<Result<_, Cancelled>>()?;
+            Decimation::joined(mesh.positions(), fixed, &borders, parts, max_error)
+        }
     };
-    work.run(min_triangles, control, &removing)?;
+    work.run(min_triangles, control, &add_removed)?;
     Ok(work.live.finish().unwrap_or_else(|| (mesh.clone(), 0.0)))
 }
 
@@ -191,10 +192,10 @@ impl Decimation {
 
     /// Collapses edges until none is left or `min_triangles` are reached.
     ///
-    /// `removing` is told the number of triangles removed since it was last called.
-    fn run(&mut self, min_triangles: usize, control: &Control, removing: &impl Fn(usize)) -> Result<(), Cancelled> {
+    /// `add_removed` gets the number of triangles removed since its last call.
+    fn run(&mut self, min_triangles: usize, control: &Control, add_removed: &impl Fn(usize)) -> Result<(), Cancelled> {
         let mut popped = 0usize;
-        let mut told = self.live.triangle_count();
+        let mut reported = self.live.triangle_count();
         // A collapse removes two triangles.
         while self.live.triangle_count() >= min_triangles.saturating_add(2) {
             let Some(candidate) = self.queue.pop() else { break };
@@ -202,8 +203,8 @@ impl Decimation {
             popped += 1;
             if popped % 4096 == 1 {
                 control.check()?;
-                removing(told - self.live.triangle_count());
-                told = self.live.triangle_count();
+                add_removed(reported - self.live.triangle_count());
+                reported = self.live.triangle_count();
             }
         }
         Ok(())

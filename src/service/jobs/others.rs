@@ -81,5 +81,16 @@ async fn silent(service: &Service) -> Result<Vec<JobRecord>, StoreError> {
 async fn look(service: &Service) -> Result<Option<Vec<JobRecord>>, StoreError> {
     let begin = Instant::now();
     let abandoned = service.store.abandoned().await?;
-    Ok((begin.elapsed() < renew_every(service.settings.lease)).then_some(abandoned))
+    if begin.elapsed() < renew_every(service.settings.lease) {
+        return Ok(Some(abandoned));
+    }
+    if !abandoned.is_empty() {
+        let (jobs, answer_s) = (abandoned.len(), begin.elapsed().as_secs_f64());
+        tracing::warn!(
+            jobs,
+            answer_s,
+            "jobs with expired leases are not taken over, because the database answers late"
+        );
+    }
+    Ok(None)
 }

@@ -38,10 +38,7 @@ impl PrismLayer {
 
     /// Corners and outer normals of the prism on face `f`; `None` when an outer node is missing.
     pub(super) fn corners(&self, mesh: &TetMesh, face: &[u32; 3]) -> Option<([Point; 6], [Vector; 3])> {
-        let [a, b, c] = face.map(|n| self.outer_nodes[n as usize]);
-        let (a, b, c) = (a?, b?, c?);
-        let [d, e, f] = face.map(|n| mesh.positions[n as usize]);
-        Some(([a.point, b.point, c.point, d, e, f], [a.normal, b.normal, c.normal]))
+        corners(face, |n| self.outer_nodes[n as usize], |n| mesh.positions[n as usize])
     }
 
     /// Smaller of the scaled Jacobians of the flat and the curved prism.
@@ -98,6 +95,18 @@ pub(super) fn stand_off(inner: &InnerTissue<'_>, [a, b, c]: &[Point; 3]) -> f64 
     let middles = [nalgebra::center(a, b), nalgebra::center(b, c), nalgebra::center(c, a)];
     let distance = |p: &Point| inner.domain.skin.value(p).abs();
     middles.iter().map(distance).fold(distance(&barycentre), f64::max)
+}
+
+/// Corners and outer normals of the prism on a face of nodes; `None` when an outer node is missing.
+pub(super) fn corners(
+    face: &[u32; 3],
+    outer: impl Fn(u32) -> Option<Foot>,
+    position: impl Fn(u32) -> Point,
+) -> Option<([Point; 6], [Vector; 3])> {
+    let [a, b, c] = face.map(outer);
+    let (a, b, c) = (a?, b?, c?);
+    let [d, e, f] = face.map(position);
+    Some(([a.point, b.point, c.point, d, e, f], [a.normal, b.normal, c.normal]))
 }
 
 /// Smaller of the scaled Jacobians of the flat and the curved prism; -1 for one without all its corners.

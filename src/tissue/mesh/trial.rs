@@ -3,7 +3,7 @@
 use super::adjacency::Rows;
 use super::domain::{Foot, InnerTissue, Side};
 use super::lattice::STEPS;
-use super::prisms::{PrismLayer, quality, stand_off};
+use super::prisms::{PrismLayer, corners, quality, stand_off};
 use super::quality::{scaled_jacobian, scaled_jacobian_curved, smallest_sine};
 use super::stuffing::TetMesh;
 use super::tuning::{
@@ -85,10 +85,7 @@ impl<'a, 'd> Trial<'a, 'd> {
 
     /// Corners and outer normals of the prism on a face; `None` when an outer node is missing.
     fn corners(&self, face: [u32; 3]) -> Option<([Point; 6], [Vector; 3])> {
-        let [a, b, c] = face.map(|n| self.outer(n));
-        let (a, b, c) = (a?, b?, c?);
-        let [d, e, f] = face.map(|n| self.position(n));
-        Some(([a.point, b.point, c.point, d, e, f], [a.normal, b.normal, c.normal]))
+        corners(&face, |n| self.outer(n), |n| self.position(n))
     }
 
     /// Least scaled Jacobian of the prisms around the node.

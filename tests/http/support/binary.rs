@@ -102,7 +102,7 @@ impl Server {
     }
 
     /// How the process ended by itself; `None` when it still runs after `limit`.
-    #[allow(clippy::disallowed_methods, reason = "nobody is told when a process ends")]
+    #[allow(clippy::disallowed_methods, reason = "the end of a process can only be polled")]
     pub(crate) fn end_within(mut self, limit: Duration) -> Option<ExitStatus> {
         let begin = Instant::now();
         loop {

@@ -54,18 +54,7 @@ pub(in crate::http) async fn guard(
         Some(problem) => problem.into_response(),
         None => {
             request.extensions_mut().insert(principal);
-            // What a request writes without the directory is lost: it is not begun then, and not acknowledged.
-            if let Err(gone) = if method.is_safe() { Ok(()) } else { state.service.store().check_directory() } {
-                return Problem::from(gone).into_response();
-            }
-            let response = next.run(request).await;
-            let (status, store) = (response.status(), state.service.store());
-            // What fails without the directory has that cause.
-            let may_be_lost = status.is_server_error() || !method.is_safe() && status.is_success();
-            match if may_be_lost { store.check_directory() } else { Ok(()) } {
-                Ok(()) => response,
-                Err(gone) => Problem::from(gone).into_response(),
-            }
+            answered(&state, request, next).await
         }
     };
     if audited {
@@ -73,6 +62,23 @@ pub(in crate::http) async fn guard(
         let made = || made_by(response.headers());
         let entry = AuditEntry { status: response.status().as_u16(), id: entry.id.clone().or_else(made), ..entry };
         state.service.note(entry, is_deletion);
+    }
+    response
+}
+
+/// The answer of the route; that the data directory is gone where it is.
+///
+/// What a request writes without the directory is lost, so it is not begun then, and not acknowledged. What fails has that cause.
+async fn answered(state: &AppState, request: Request, next: Next) -> Response {
+    let gone = || state.service.store().check_directory().err().map(|gone| Problem::from(gone).into_response());
+    let writes = !request.method().is_safe();
+    if writes && let Some(refused) = gone() {
+        return refused;
+    }
+    let response = next.run(request).await;
+    let is_in_doubt = response.status().is_server_error() || writes && response.status().is_success();
+    if is_in_doubt && let Some(refused) = gone() {
+        return refused;
     }
     response
 }

@@ -57,13 +57,13 @@ fn is_allowed(host: &str, allowed: &[String]) -> bool {
     if port.is_none_or(|port| port.parse::<u16>().is_err()) {
         return false;
     }
-    let ip = match name.strip_prefix('[') {
+    let bare = match name.strip_prefix('[') {
         Some(v6) => v6.strip_suffix(']').unwrap_or_default(),
         None => name,
     };
     name.eq_ignore_ascii_case("localhost")
-        || ip.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
-        || allowed.iter().any(|a| a.eq_ignore_ascii_case(name))
+        || bare.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+        || allowed.iter().any(|a| a.eq_ignore_ascii_case(name) || a.eq_ignore_ascii_case(bare))
 }
 
 /// Whether a web page of another origin than the service at `host` and the `allowed` ones sent a request.
@@ -105,6 +105,13 @@ mod tests {
             "::1",
         ]) {
             assert!(!is_allowed(host, &["plan.example".to_owned()]), "{host}");
+        }
+    }
+
+    #[test]
+    fn an_allowed_address_needs_no_brackets() {
+        for allowed in ["fe80::1", "[fe80::1]"] {
+            assert!(is_allowed("[fe80::1]:8080", &[allowed.to_owned()]), "{allowed}");
         }
     }
 

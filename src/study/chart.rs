@@ -179,14 +179,14 @@ fn drawn_linear(svg: &mut String, labels: &Labels, curves: &[Curve]) -> Result<(
 }
 
 /// 1, 2 and 5 times the powers of ten within a range.
-fn ticks((low, high): (f64, f64)) -> Vec<f64> {
+pub(super) fn ticks((low, high): (f64, f64)) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
     let all = decades.flat_map(|e| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(e)));
     all.filter(|t| (low..=high).contains(t)).collect()
 }
 
 /// A range with a margin around the positive values; `None` when there are none.
-fn span(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+pub(super) fn span(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     let (low, high) = values
         .filter(|v| *v > 0.0 && v.is_finite())
         .fold((f64::INFINITY, 0.0f64), |(low, high), v| (low.min(v), high.max(v)));
@@ -194,7 +194,7 @@ fn span(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
 }
 
 /// The shortest text of a number on an axis.
-fn short(value: &f64) -> String {
+pub(super) fn short(value: &f64) -> String {
     if *value > 0.0 && *value < 1.5e-3 {
         return format!("{value:.0e}");
     }

@@ -21,6 +21,7 @@ mod head;
 mod model_case;
 mod models;
 mod operations;
+mod pareto_chart;
 mod process;
 mod proposals;
 mod ratios;

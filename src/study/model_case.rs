@@ -11,12 +11,13 @@ use super::files::write_distances;
 use super::head::{Head, HeadSource, Prepared};
 use super::process;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{TriMesh, Vector};
-use prosopon_planning::simulate::{Frame, RunSettings, SimulateError, solve};
+use prosopon_geometry::{Motion, TriMesh, Vector};
+use prosopon_planning::plan::Plan;
+use prosopon_planning::simulate::{CutBone, Frame, RunSettings, SimulateError, solve};
 use prosopon_tissue::fem::{Locking, Model, PhaseTimes, Preset, SolveSettings};
 
 /// Streamed steps of the path, as in `prosopon demo`.
-const STEPS: usize = 6;
+pub(super) const STEPS: usize = 6;
 
 /// A mechanical model, a locking treatment and a mesh size.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,6 +92,8 @@ pub(super) struct ModelTiming {
     pub(super) newton_iterations: usize,
     pub(super) factorisations: usize,
     pub(super) max_penetration_mm: f64,
+    /// Farthest movement of bone, mm.
+    pub(super) displacement_mm: f64,
     /// Time for fields, cut and mesh, s.
     pub(super) prepare_s: f64,
     /// Time of the path, from the mesh to the last skin, s.
@@ -186,6 +189,7 @@ pub(super) fn solved(
         newton_iterations: outcome.steps.iter().map(|s| s.newton_iterations).sum(),
         factorisations: outcome.steps.iter().map(|s| s.factorisations).sum(),
         max_penetration_mm: last.report.max_penetration_mm,
+        displacement_mm: largest_displacement_mm(&ready.bone, &ready.plan),
         prepare_s: 0.0,
         solve_s,
         cpu_s,
@@ -194,6 +198,16 @@ pub(super) fn solved(
         peak_mb,
     };
     Ok((found, displacements(head, ready, &last.skin)))
+}
+
+/// The farthest that bone moves at the end of the plan, mm.
+pub(super) fn largest_displacement_mm(bone: &CutBone, plan: &Plan) -> f64 {
+    let of = |(id, motion): &(u32, Motion)| {
+        let segments = bone.osteotomy.segments.iter().filter(|s| s.id == *id);
+        let points = segments.flat_map(|s| s.surface.positions());
+        points.map(|p| (motion * p - p).norm()).fold(0.0, f64::max)
+    };
+    plan.motions(1.0).iter().map(of).fold(0.0, f64::max)
 }
 
 /// Displacements of all skin vertices, as in [`run_model_cases`].

@@ -4,13 +4,15 @@ use std::process::Command;
 
 use plotters::style::RGBColor;
 
-use super::chart::{self, Curve, Labels};
+use super::chart::{Curve, Labels};
 use super::error::{BenchError, read, write};
 use super::files::{Scratch, read_distances, refuse_unwritable};
 use super::head::{Head, HeadSource};
-use super::model_case::{Measured, ModelCase, ModelTiming, PHASES, locking_name, model_name};
+use super::model_case::{Measured, ModelCase, ModelTiming, PHASES, STEPS, locking_name, model_name};
+use super::pareto_chart::{self, Panel};
 use prosopon_geometry::Vector;
-use prosopon_planning::evaluate::{Statistics, statistics};
+use prosopon_planning::evaluate::{Statistics, between_solutions, face_regions};
+use prosopon_planning::simulate::budget::{Demand, Grounds, Limits, choose};
 use prosopon_tissue::fem::{Locking, Model};
 
 /// Models of the study by increasing memory, with the colours of their curves (Okabe and Ito).
@@ -25,21 +27,26 @@ const VARIANTS: [(Model, Locking, RGBColor); 8] = [
     (Model::Mixed, Locking::Smoothed, RGBColor(213, 94, 0)),
 ];
 
-/// Measures time and error of every model on several meshes of one head, against the best model on a finer mesh.
+/// Errors that are asked of `auto`, mm.
+const ASKED_MM: [f64; 4] = [0.3, 0.1, 0.05, 0.02];
+
+/// Measures time and error of every model on several meshes of heads, against `mixed` with patched elements on a finer mesh.
 ///
 /// The cases of each mesh run in a separate process, in order of increasing memory. The error at a skin vertex is the length
 /// of the difference between its displacement and that of the reference, mm. Only vertices count that are in a region of the
-/// face and lie on a prism of every mesh.
+/// face, move, and lie on a prism of every mesh.
 #[derive(Debug)]
 pub struct ModelStudy<'a> {
-    /// The head.
-    pub source: &'a HeadSource,
+    /// The heads.
+    pub sources: &'a [HeadSource],
     /// CSV file to write; the chart has the same name with `.svg`.
     pub csv: &'a Path,
     /// Edge lengths of the meshes, mm.
     pub edges_mm: &'a [f64],
     /// Edge length of the reference mesh, mm; must be smaller than all others.
     pub reference_mm: f64,
+    /// Names and times, s, of lines in the chart.
+    pub lines: &'a [(String, f64)],
 }
 
 /// A case with its measurement and the displacements of the skin.
@@ -68,10 +75,26 @@ impl ModelStudy<'_> {
             let detail = format!("--reference-mm is {} mm: it must be smaller than all --edges-mm", self.reference_mm);
             return Err(BenchError::Head { detail });
         }
-        let head = Head::load(self.source)?;
+        let (mut text, mut panels) = (format!("{}\n", columns()), Vec::new());
+        for source in self.sources {
+            let (rows, lines) = self.scene(source, out)?;
+            text += &lines;
+            write(self.csv, text.as_bytes())?;
+            write!(out, "\n{}:\n{}", source.name(), table(&rows))?;
+            panels.push(panel(source, &rows));
+        }
+        let svg = self.csv.with_extension("svg");
+        write(&svg, self.chart(&panels)?.as_bytes())?;
+        writeln!(out, "wrote {} and {}", self.csv.display(), svg.display())?;
+        Ok(())
+    }
+
+    /// The rows of one head, and all its lines of the CSV file.
+    fn scene(&self, source: &HeadSource, out: &mut dyn Write) -> Result<(Vec<Row>, String), BenchError> {
+        let head = Head::load(source)?;
         let scratch = Scratch::new()?;
-        let reference = ModelCase { model: Model::Mixed, locking: Locking::Smoothed, edge_mm: self.reference_mm };
-        let (mut reference, refused) = self.measure(&[reference], &scratch, out)?;
+        let reference = ModelCase { model: Model::Mixed, locking: Locking::Patched, edge_mm: self.reference_mm };
+        let (mut reference, refused) = measure(source, &[reference], &scratch, out)?;
         let Some(reference) = reference.pop() else {
             let detail = refused.into_iter().map(|r| r.1).collect();
             return Err(BenchError::Row { case: "the reference".to_owned(), detail });
@@ -79,113 +102,135 @@ impl ModelStudy<'_> {
         let (mut solved, mut refused) = (Vec::new(), Vec::new());
         for &edge_mm in self.edges_mm {
             let cases = VARIANTS.map(|(model, locking, _)| ModelCase { model, locking, edge_mm });
-            let (found, not) = self.measure(&cases, &scratch, out)?;
+            let (found, not) = measure(source, &cases, &scratch, out)?;
             solved.extend(found);
             refused.extend(not);
         }
-        let rows = self.compare(&head, &reference, solved)?;
-        let mut text = format!("{}\n", columns());
-        rows.iter().for_each(|row| text += &format!("{}\n", row.csv(self.source, false)));
-        text += &format!(
-            "{}\n",
-            Row { case: reference.case, timing: reference.timing, error: zero() }.csv(self.source, true)
-        );
+        let rows = compare(&head, &reference, solved)?;
+        let mut text = String::new();
+        rows.iter().for_each(|row| text += &format!("{}\n", row.csv(source, false)));
+        let reference = Row { case: reference.case, timing: reference.timing, error: zero() };
+        text += &format!("{}\n", reference.csv(source, true));
         for (case, detail) in refused {
-            text += &format!(
-                "{},{},refused: {}\n",
-                self.source.name(),
-                case.word().replace(':', ","),
-                detail.replace([',', '\n'], ";")
-            );
+            let (case, detail) = (case.word().replace(':', ","), detail.replace([',', '\n'], ";"));
+            text += &format!("{},{case},refused: {detail}\n", source.name());
         }
-        write(self.csv, text.as_bytes())?;
-        write!(out, "\n{}", table(&rows))?;
-        let svg = self.csv.with_extension("svg");
-        write(&svg, self.chart(&rows)?.as_bytes())?;
-        writeln!(out, "wrote {} and {}", self.csv.display(), svg.display())?;
-        Ok(())
+        Ok((rows, text))
     }
 
-    /// Runs the cases of one mesh in one process; returns the solved cases, and the others with the reason.
-    fn measure(
-        &self,
-        cases: &[ModelCase],
-        scratch: &Scratch,
-        out: &mut dyn Write,
-    ) -> Result<(Vec<Solved>, Vec<(ModelCase, String)>), BenchError> {
-        let words: Vec<String> = cases.iter().map(ModelCase::word).collect();
-        let failed = |detail: String| BenchError::Row { case: words.join(","), detail };
-        let (values, timing) = (scratch.path("moved.bin"), scratch.path("timing.json"));
-        let mut program = Command::new(std::env::current_exe().map_err(|e| failed(e.to_string()))?);
-        program.args(["bench", "models", "--scene", &self.source.word(), "--cases", &words.join(",")]);
-        program.arg("--out").arg(&values).arg("--timing").arg(&timing);
-        let done = program.output().map_err(|e| failed(e.to_string()))?;
-        if !done.status.success() {
-            // A mesh that cannot be built counts as a refusal of all its cases; the study continues with the other meshes.
-            let detail = String::from_utf8_lossy(&done.stderr).trim().to_owned();
-            writeln!(out, "{}: refused: {detail}", words.join(","))?;
-            return Ok((Vec::new(), cases.iter().map(|case| (*case, detail.clone())).collect()));
-        }
-        let timings: Vec<Measured> = serde_json::from_slice(&read(&timing)?).map_err(|e| failed(e.to_string()))?;
-        let (mut solved, mut refused) = (Vec::new(), Vec::new());
-        for (n, (&case, timing)) in cases.iter().zip(timings).enumerate() {
-            match timing {
-                Ok(timing) => {
-                    writeln!(out, "{}: {}", case.word(), describe(&timing))?;
-                    let moved = read_distances(&values.with_extension(n.to_string()))?;
-                    let moved = moved.as_chunks::<3>().0.iter().map(|&u| Vector::from(u)).collect();
-                    solved.push(Solved { case, timing, moved });
-                }
-                Err(detail) => {
-                    writeln!(out, "{}: refused: {detail}", case.word())?;
-                    refused.push((case, detail));
-                }
-            }
-        }
-        Ok((solved, refused))
+    fn chart(&self, panels: &[Panel]) -> Result<String, BenchError> {
+        let title = format!(
+            "Le Fort I, 6 steps: time against numerical error (reference: mixed, patched, {} mm; labels: edge, mm)",
+            self.reference_mm
+        );
+        let x = "error, mm: P95 over the moving face";
+        let labels = Labels { title: &title, x, y: "processor time of the path, s" };
+        pareto_chart::draw(&labels, panels, self.lines)
     }
+}
 
-    fn compare(&self, head: &Head, reference: &Solved, solved: Vec<Solved>) -> Result<Vec<Row>, BenchError> {
-        let skin = &head.anatomy.skin;
-        let mut chosen = head.face();
-        for case in solved.iter().chain([reference]) {
-            if case.moved.len() != chosen.len() {
-                let detail = format!("{} displacements for {} vertices", case.moved.len(), chosen.len());
-                return Err(BenchError::Row { case: case.case.word(), detail });
+/// Runs the cases of one mesh in one process; returns the solved cases, and the others with the reason.
+fn measure(
+    source: &HeadSource,
+    cases: &[ModelCase],
+    scratch: &Scratch,
+    out: &mut dyn Write,
+) -> Result<(Vec<Solved>, Vec<(ModelCase, String)>), BenchError> {
+    let words: Vec<String> = cases.iter().map(ModelCase::word).collect();
+    let failed = |detail: String| BenchError::Row { case: words.join(","), detail };
+    let (values, timing) = (scratch.path("moved.bin"), scratch.path("timing.json"));
+    let mut program = Command::new(std::env::current_exe().map_err(|e| failed(e.to_string()))?);
+    program.args(["bench", "models", "--scene", &source.word(), "--cases", &words.join(",")]);
+    program.arg("--out").arg(&values).arg("--timing").arg(&timing);
+    let done = program.output().map_err(|e| failed(e.to_string()))?;
+    if !done.status.success() {
+        // A mesh that cannot be built counts as a refusal of all its cases; the study continues with the other meshes.
+        let detail = String::from_utf8_lossy(&done.stderr).trim().to_owned();
+        writeln!(out, "{}: refused: {detail}", words.join(","))?;
+        return Ok((Vec::new(), cases.iter().map(|case| (*case, detail.clone())).collect()));
+    }
+    let timings: Vec<Measured> = serde_json::from_slice(&read(&timing)?).map_err(|e| failed(e.to_string()))?;
+    let (mut solved, mut refused) = (Vec::new(), Vec::new());
+    for (n, (&case, timing)) in cases.iter().zip(timings).enumerate() {
+        match timing {
+            Ok(timing) => {
+                writeln!(out, "{}: {}", case.word(), describe(&timing))?;
+                let moved = read_distances(&values.with_extension(n.to_string()))?;
+                let moved = moved.as_chunks::<3>().0.iter().map(|&u| Vector::from(u)).collect();
+                solved.push(Solved { case, timing, moved });
             }
-            chosen.iter_mut().zip(&case.moved).for_each(|(chosen, u)| *chosen &= u.iter().all(|c| c.is_finite()));
+            Err(detail) => {
+                writeln!(out, "{}: refused: {detail}", case.word())?;
+                refused.push((case, detail));
+            }
         }
-        let row = |case: Solved| {
-            let errors: Vec<f32> =
-                case.moved.iter().zip(&reference.moved).map(|(u, r)| (u - r).norm() as f32).collect();
-            let error = statistics(skin, &errors, Some(&chosen)).ok_or_else(|| BenchError::Row {
+    }
+    Ok((solved, refused))
+}
+
+fn compare(head: &Head, reference: &Solved, solved: Vec<Solved>) -> Result<Vec<Row>, BenchError> {
+    let skin = &head.anatomy.skin;
+    let regions = face_regions(skin, &head.anatomy.landmarks, head.landmarks.midline_x_mm).regions;
+    let mut on_all = vec![true; skin.positions().len()];
+    for case in solved.iter().chain([reference]) {
+        if case.moved.len() != on_all.len() {
+            let detail = format!("{} displacements for {} vertices", case.moved.len(), on_all.len());
+            return Err(BenchError::Row { case: case.case.word(), detail });
+        }
+        on_all.iter_mut().zip(&case.moved).for_each(|(on_all, u)| *on_all &= u.iter().all(|c| c.is_finite()));
+    }
+    // Skin without a prism in some mesh counts as skin at rest.
+    let counted = |moved: &[Vector]| -> Vec<Vector> {
+        moved.iter().zip(&on_all).map(|(u, on_all)| if *on_all { *u } else { Vector::zeros() }).collect()
+    };
+    let truth = counted(&reference.moved);
+    let row = |case: Solved| {
+        let error =
+            between_solutions(skin, &regions, &counted(&case.moved), &truth).ok_or_else(|| BenchError::Row {
                 case: case.case.word(),
-                detail: "no vertex of the face lies on a prism of every mesh".to_owned(),
+                detail: "no skin of the face moves on a prism of every mesh".to_owned(),
             })?;
-            Ok(Row { case: case.case, timing: case.timing, error })
-        };
-        solved.into_iter().map(row).collect()
-    }
+        Ok(Row { case: case.case, timing: case.timing, error })
+    };
+    solved.into_iter().map(row).collect()
+}
 
-    fn chart(&self, rows: &[Row]) -> Result<String, BenchError> {
-        let curves = VARIANTS.iter().map(|&(model, locking, color)| {
-            let own = rows.iter().filter(|r| r.case.model == model && r.case.locking == locking);
-            let (points, marks) = own
-                .map(|r| {
-                    ((r.error.mean_abs, r.timing.cpu_s.unwrap_or(r.timing.solve_s)), format!("{}", r.case.edge_mm))
-                })
-                .unzip();
-            Curve { name: variant_name(model, locking), color, points, marks }
-        });
-        let title =
-            format!("Le Fort I on the {} (reference: mixed, smoothed, {} mm)", self.source.name(), self.reference_mm);
-        let labels = Labels {
-            title: &title,
-            x: "mean error over the face, mm (labels: edge length of the mesh, mm)",
-            y: "processor time of the solve with 6 steps, s",
+/// Processor time of the path, which other work on the machine changes little; wall time where it is not known.
+fn time_s(row: &Row) -> f64 {
+    row.timing.cpu_s.unwrap_or(row.timing.solve_s)
+}
+
+/// The plot of a head, with what `auto` chooses before it knows a mesh.
+fn panel(source: &HeadSource, rows: &[Row]) -> Panel {
+    let curve = |&(model, locking, color): &(Model, Locking, RGBColor)| {
+        let own = rows.iter().filter(|r| r.case.model == model && r.case.locking == locking);
+        let (points, marks) = own.map(|r| ((r.error.p95, time_s(r)), format!("{}", r.case.edge_mm))).unzip();
+        Curve { name: variant_name(model, locking), color, points, marks }
+    };
+    let mut stars: Vec<((f64, f64), String)> = Vec::new();
+    for asked_mm in ASKED_MM {
+        let demand = Demand {
+            displacement_mm: rows.first().map_or(0.0, |r| r.timing.displacement_mm),
+            steps: STEPS as u32,
+            mesh: None,
+            max_edge_mm: f64::INFINITY,
+            edge_mm: None,
+            locking: None,
         };
-        chart::draw(&labels, &curves.collect::<Vec<_>>())
+        let Some(choice) = choose(&demand, Limits { error_mm: Some(asked_mm), wall_s: None }) else { continue };
+        let is_chosen = |r: &&Row| {
+            let of_case = (r.case.model, r.case.locking, r.case.edge_mm);
+            of_case == (Model::Nonlinear, choice.chosen.locking, choice.chosen.edge_mm)
+        };
+        let Some(row) = rows.iter().find(is_chosen) else { continue };
+        let (point, promised) = ((row.error.p95, time_s(row)), choice.grounds == Grounds::Fastest);
+        let word = if promised { format!("{asked_mm}") } else { format!("({asked_mm})") };
+        match stars.iter_mut().find(|(other, _)| *other == point) {
+            Some((_, words)) => *words += &format!(", {word}"),
+            None => stars.push((point, word)),
+        }
     }
+    Panel { title: source.name(), curves: VARIANTS.iter().map(curve).collect(), stars }
 }
 
 fn variant_name(model: Model, locking: Locking) -> String {

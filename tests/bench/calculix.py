@@ -87,19 +87,17 @@ def write_deck(path, mesh, held, solver):
         deck.write("*NODE PRINT,NSET=NALL,FREQUENCY=999\nU\n*END STEP\n")
 
 
-def write_scene(folder, mesh, held):
-    points, tetrahedra, wedges = mesh
-    cells = tetrahedra + wedges
-
+def write_vtu(path, points, cells, held, tissue):
+    """A mesh for `prosopon solve`."""
     def array(kind, name, values, components=1):
         return (f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">'
                 f'{" ".join(values)}</DataArray>')
 
     ends = itertools.accumulate(len(c) for c in cells)
-    with open(os.path.join(folder, "slab.vtu"), "w") as file:
+    with open(path, "w") as file:
         file.write('<?xml version="1.0"?><VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian"><UnstructuredGrid>'
                    f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(cells)}"><Points>')
-        file.write(array("Float64", "Points", (f"{c:.9g}" for p in points for c in p), 3))
+        file.write(array("Float64", "Points", (f"{c:.12g}" for p in points for c in p), 3))
         file.write("</Points><Cells>")
         file.write(array("Int64", "connectivity", (str(v) for c in cells for v in c)))
         file.write(array("Int64", "offsets", map(str, ends)))
@@ -107,8 +105,14 @@ def write_scene(folder, mesh, held):
         file.write("</Cells><PointData>")
         file.write(array("Float64", "attachment", map(str, held)))
         file.write("</PointData><CellData>")
-        file.write(array("Float64", "tissue", ("2" if len(c) == 4 else "0" for c in cells)))
+        file.write(array("Float64", "tissue", map(str, tissue)))
         file.write("</CellData></Piece></UnstructuredGrid></VTKFile>")
+
+
+def write_scene(folder, mesh, held):
+    points, tetrahedra, wedges = mesh
+    tissue = [2] * len(tetrahedra) + [0] * len(wedges)
+    write_vtu(os.path.join(folder, "slab.vtu"), points, tetrahedra + wedges, held, tissue)
 
     def law(shear):
         c10, c01, _ = constants(shear)

@@ -10,13 +10,12 @@ mkdir -p "$out"
 cargo build --release --locked --manifest-path "$here/../../Cargo.toml"
 prosopon=${CARGO_TARGET_DIR:-$here/../../target}/release/prosopon
 
-"$prosopon" bench models --scene phantom --csv "$out/models-phantom.csv" | tee "$out/models-phantom.txt"
-"$prosopon" bench models --scene "$head" --csv "$out/models-head.csv" | tee "$out/models-head.txt"
+"$prosopon" bench models --scene "phantom,$head" --csv "$out/models.csv" | tee "$out/models.txt"
 # A wrong result in the map makes this script fail at the end, after the other charts are drawn.
 red=0
 "$prosopon" bench stability --csv "$out/stability.csv" | tee "$out/stability.txt" || red=$?
 "$prosopon" bench solver-growth --csv "$out/solver-growth.csv" | tee "$out/solver-growth.txt"
-cp "$out"/{models-phantom,models-head,stability,solver-growth,solver-growth-phases}.svg "$here/../../api/pictures/"
+cp "$out"/{models,stability,solver-growth,solver-growth-phases}.svg "$here/../../api/pictures/"
 if command -v ccx >/dev/null; then
     "$here/calculix.py" "$prosopon" "$out/calculix" --rounds 3 | tee "$out/calculix.txt"
 else

@@ -65,8 +65,8 @@ pub(in crate::cli) struct BudgetArguments {
     /// Names of operations as in `operations` [default: a Le Fort I, a split osteotomy and a genioplasty].
     #[arg(long, value_delimiter = ';')]
     operations: Vec<String>,
-    /// Edge lengths of the meshes, mm, from coarse to fine.
-    #[arg(long, value_delimiter = ',', default_value = "7,5.5,4.5,3.7")]
+    /// Edge lengths of the meshes, mm, from coarse to fine; the first one serves the estimate of the second.
+    #[arg(long, value_delimiter = ',', default_value = "8.6,7,5.5,4.5,3.7")]
     edges_mm: Vec<f64>,
     /// Edge length of the reference, mm.
     #[arg(long, default_value_t = 3.0)]

@@ -191,14 +191,17 @@ pub(super) struct CutArguments {
 
 #[derive(Debug, Args)]
 pub(super) struct ModelArguments {
-    /// `phantom`, or a folder with `landmarks.json` and a CT (*.nii.gz) or the surfaces skin.* and skull.*.
-    #[arg(long)]
-    scene: HeadSource,
+    /// Heads side by side: `phantom`, or a folder with `landmarks.json` and a CT (*.nii.gz) or the surfaces skin.* and skull.*.
+    #[arg(long, value_delimiter = ',', required = true)]
+    scene: Vec<HeadSource>,
+    /// Lines of the chart: name and time, s.
+    #[arg(long, value_parser = line, default_value = "paper (2009), 129 856 tetrahedra=1230")]
+    line: Vec<(String, f64)>,
     /// CSV file to write; the chart is written next to it.
     #[arg(long, default_value = "models.csv")]
     csv: PathBuf,
     /// Edge lengths of the meshes, mm.
-    #[arg(long, value_delimiter = ',', default_value = "7,5.5,4")]
+    #[arg(long, value_delimiter = ',', default_value = "7,5.5,4.5,3.7")]
     edges_mm: Vec<f64>,
     /// Edge length of the reference mesh, mm; must be smaller than all --edges-mm.
     #[arg(long, default_value_t = 3.0)]
@@ -312,6 +315,13 @@ pub(super) struct TruthArguments {
     prediction_step: usize,
 }
 
+/// Reads a line of a chart, NAME=SECONDS.
+fn line(word: &str) -> Result<(String, f64), String> {
+    let (name, seconds) = word.rsplit_once('=').ok_or_else(|| format!("{word:?} is not NAME=SECONDS"))?;
+    let seconds = seconds.parse().ok().filter(|s: &f64| s.is_finite() && *s > 0.0);
+    Ok((name.to_owned(), seconds.ok_or_else(|| format!("{word:?} names no positive time"))?))
+}
+
 pub(super) fn run(command: &BenchCommand) -> CommandResult {
     let out = &mut std::io::stdout();
     match command {
@@ -323,10 +333,12 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             }
         }
         BenchCommand::Growth(a) => GrowthStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
-        BenchCommand::Models(a) => match (&a.out, &a.timing) {
-            (Some(to), Some(timing)) => run_model_cases(&a.scene, &a.cases, to, timing)?,
-            _ => ModelStudy { source: &a.scene, csv: &a.csv, edges_mm: &a.edges_mm, reference_mm: a.reference_mm }
-                .run(out)?,
+        BenchCommand::Models(a) => match (&a.out, &a.timing, a.scene.as_slice()) {
+            (Some(to), Some(timing), [scene]) => run_model_cases(scene, &a.cases, to, timing)?,
+            (_, _, sources) => {
+                let (csv, edges_mm, lines) = (&a.csv, &a.edges_mm, &a.line);
+                ModelStudy { sources, csv, edges_mm, reference_mm: a.reference_mm, lines }.run(out)?;
+            }
         },
         BenchCommand::Reach(a) => {
             ReachStudy { source: &a.scene, edge_mm: a.edge_mm, csv: a.csv("reach.csv") }.run(out)?;

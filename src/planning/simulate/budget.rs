@@ -83,6 +83,19 @@ pub struct Choice {
     pub alternatives: Vec<Setting>,
 }
 
+/// A solve whose error was estimated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tried {
+    /// Edge, mm.
+    pub edge_mm: f64,
+    /// Formulation.
+    pub locking: Locking,
+    /// Its estimated error, mm.
+    pub error_mm: f64,
+    /// Time of its path, s.
+    pub path_s: f64,
+}
+
 /// Factor and exponent of a power law, and the factor on it that holds for 95 % of the points it was fitted to.
 struct Law {
     factor: f64,
@@ -132,6 +145,10 @@ const ELEMENTS: [Elements; 2] = [
 ];
 /// Edges to choose from, mm: those that were studied.
 const EDGES_MM: [f64; 4] = [7.0, 5.5, 4.5, 3.7];
+/// A further solve is worth its time when its error is at most this share of the one before.
+const WORTHWHILE: f64 = 0.8;
+/// Error that 95 % of the study's scenes did not exceed, in units of the expected one, once a solve of the scene was estimated.
+const SPREAD_ONCE_ESTIMATED: f64 = 1.5;
 /// How far the time of a known mesh may change what is expected of this machine.
 const MACHINE: [f64; 2] = [0.5, 2.0];
 /// Below this share of the usual time a mesh came from a cache and tells nothing of the machine.
@@ -158,7 +175,34 @@ pub fn settings(demand: &Demand) -> Vec<Setting> {
 /// The choice within the limits; `None` when the given formulation was not studied.
 #[must_use]
 pub fn choose(demand: &Demand, limits: Limits) -> Option<Choice> {
-    let all = settings(demand);
+    choose_of(&settings(demand), limits)
+}
+
+/// The choice after a solve that missed the limit of the error; `None` when nothing clearly better is expected to end in time.
+///
+/// `demand.mesh` must be the mesh of that solve. Its error and its time correct what the laws say of this scene and machine.
+#[must_use]
+pub fn choose_after(tried: &Tried, demand: &Demand, limits: Limits) -> Option<Choice> {
+    let same = Demand { edge_mm: Some(tried.edge_mm), locking: Some(tried.locking), ..*demand };
+    let by_law = *settings(&same).first()?;
+    let (error, time) = (tried.error_mm / by_law.error_mm, tried.path_s / by_law.wall_s);
+    if !(error.is_finite() && time.is_finite()) {
+        return None;
+    }
+    let corrected = |s: &Setting| Setting {
+        error_mm: error * s.error_mm,
+        error_at_most_mm: SPREAD_ONCE_ESTIMATED * error * s.error_mm,
+        wall_s: time * s.wall_s,
+        wall_at_most_s: time * s.wall_at_most_s,
+        ..*s
+    };
+    let is_better = |s: &Setting| s.error_mm <= WORTHWHILE * tried.error_mm;
+    let better: Vec<Setting> = settings(demand).iter().map(corrected).filter(is_better).collect();
+    choose_of(&better, limits).filter(|choice| choice.grounds != Grounds::TimeOutOfReach)
+}
+
+/// The choice among settings in order of time; `None` when there are none.
+fn choose_of(all: &[Setting], limits: Limits) -> Option<Choice> {
     let in_time = |s: &&Setting| limits.wall_s.is_none_or(|most| s.wall_at_most_s <= most);
     let accurate = |s: &&Setting| limits.error_mm.is_some_and(|most| s.error_at_most_mm <= most);
     let best_in_time = || all.iter().filter(in_time).min_by(|a, b| a.error_mm.total_cmp(&b.error_mm));
@@ -239,6 +283,39 @@ mod tests {
         assert!(choice.grounds == Grounds::ErrorOutOfReach && choice.chosen.wall_at_most_s <= fastest.wall_at_most_s);
         let choice = chosen(Some(10.0), Some(1e-3));
         assert_eq!((choice.grounds, choice.chosen), (Grounds::TimeOutOfReach, fastest));
+    }
+
+    #[test]
+    fn a_missed_error_leads_to_better_settings_until_none_is_left() {
+        let known = |edge_mm| KnownMesh { edge_mm, nodes: NODES_BY_EDGE.at(edge_mm / EDGE_MM) as usize, wall_s: 0.0 };
+        let limits = Limits { error_mm: Some(0.1), wall_s: None };
+        let mut tried = Tried { edge_mm: 7.0, locking: Locking::None, error_mm: 0.6, path_s: 4.0 };
+        let mut tries = 0;
+        let after = |tried: &Tried, limits| {
+            choose_after(tried, &Demand { mesh: Some(known(tried.edge_mm)), ..demand() }, limits)
+        };
+        while let Some(choice) = after(&tried, limits) {
+            let Setting { edge_mm, locking, error_mm, wall_s, .. } = choice.chosen;
+            assert!(error_mm <= WORTHWHILE * tried.error_mm, "{choice:?}");
+            tried = Tried { edge_mm, locking, error_mm, path_s: wall_s };
+            tries += 1;
+        }
+        assert!((1..=6).contains(&tries), "{tries}");
+        // A scene twice as hard as usual on a machine of half the speed.
+        let hard = |scale: f64| Tried {
+            edge_mm: 5.5,
+            locking: Locking::None,
+            error_mm: scale * 6.0 * ELEMENTS[0].error.at(5.5 / EDGE_MM),
+            path_s: scale * ELEMENTS[0].path.at(known(5.5).nodes as f64 / NODES),
+        };
+        let [usual, twice] = [1.0, 2.0].map(|scale| after(&hard(scale), limits).unwrap().chosen);
+        assert!(
+            (twice.error_mm / usual.error_mm - 2.0).abs() < 1e-9 && (twice.wall_s / usual.wall_s - 2.0).abs() < 1e-9
+        );
+        // No time is left, or nothing is left to choose.
+        assert_eq!(after(&hard(1.0), Limits { wall_s: Some(0.1), ..limits }), None);
+        let fixed = Demand { edge_mm: Some(5.5), locking: Some(Locking::None), mesh: Some(known(5.5)), ..demand() };
+        assert_eq!(choose_after(&hard(1.0), &fixed, limits), None);
     }
 
     #[test]

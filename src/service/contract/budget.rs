@@ -1,5 +1,6 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+use uuid::Uuid;
 
 use super::check::Check;
 use super::material::LockingName;
@@ -21,9 +22,20 @@ pub struct Budget {
     pub max_error_mm: Option<f64>,
     /// Longest acceptable time of mesh and path, s, at least 1; the job's `max_wall_s` counts too.
     ///
-    /// It does not stop the job, and the estimate of the error comes on top of it.
+    /// It does not stop the job, and the estimate of the error comes on top of it. When a further job goes on, the time of the
+    /// jobs before counts too.
     #[serde(default)]
     pub max_wall_s: Option<f64>,
+    /// Whether a further job with a better setting follows when the estimated error misses the budget and time is left; true
+    /// when absent.
+    ///
+    /// The job that missed then ends as `succeeded` with `continued_by`, the id of the further one.
+    #[serde(default = "yes")]
+    pub go_on: bool,
+}
+
+fn yes() -> bool {
+    true
 }
 
 impl Budget {
@@ -90,6 +102,21 @@ pub struct EstimateDocument {
     pub wall_s: f64,
 }
 
+/// A job that missed the budget, and that this one continues.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TriedDocument {
+    /// Its id.
+    pub job: Uuid,
+    /// What it solved.
+    pub chosen: ChosenDocument,
+    /// What that was expected to cost.
+    pub expected: ExpectedDocument,
+    /// Its estimated error.
+    pub estimated: EstimateDocument,
+    /// Time of its mesh and path, s.
+    pub spent_s: f64,
+}
+
 /// What `auto` chose for a budget, and whether it was kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BudgetDocument {
@@ -105,6 +132,12 @@ pub struct BudgetDocument {
     /// Time that mesh and path took, s, without error maps and the estimate; absent before the job has ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spent_s: Option<f64>,
+    /// Jobs that missed the budget before this one, in order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tried: Vec<TriedDocument>,
+    /// The further job that follows because this one missed the error and time is left.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub continued_by: Option<Uuid>,
     /// Reason for the choice.
     pub why: String,
     /// Settings that are faster or more accurate, in order of time.
@@ -153,9 +186,17 @@ impl BudgetDocument {
             expected: (&choice.chosen).into(),
             estimated: None,
             spent_s: None,
+            tried: Vec::new(),
+            continued_by: None,
             why: why.to_owned(),
             alternatives: choice.alternatives.iter().map(Into::into).collect(),
         }
+    }
+
+    /// Time of the jobs before this one with their estimates, s.
+    #[must_use]
+    pub fn tried_s(&self) -> f64 {
+        self.tried.iter().map(|t| t.spent_s + t.estimated.wall_s).sum()
     }
 
     /// Why the budget was not kept, or was not known to be; `None` when it was.
@@ -167,10 +208,12 @@ impl BudgetDocument {
         {
             missed.push(format!("the estimated error is {:.3} mm, asked was {asked} mm", found.error_mm));
         }
-        if let (Some(asked), Some(spent)) = (self.asked.max_wall_s, self.spent_s)
-            && spent > asked
-        {
-            missed.push(format!("mesh and path took {spent:.2} s, asked were {asked} s"));
+        if let (Some(asked), Some(spent)) = (self.asked.max_wall_s, self.spent_s) {
+            let before = self.tried_s();
+            let earlier = if before > 0.0 { format!(" after {before:.2} s of earlier jobs") } else { String::new() };
+            if before + spent > asked {
+                missed.push(format!("mesh and path took {spent:.2} s{earlier}, asked were {asked} s"));
+            }
         }
         (!missed.is_empty()).then(|| missed.join("; "))
     }
@@ -185,7 +228,7 @@ mod tests {
         let demand =
             Demand { displacement_mm: 6.0, steps: 6, mesh: None, max_edge_mm: 20.0, edge_mm: None, locking: None };
         let choice = choose(&demand, Limits { error_mm: max_error_mm, wall_s: max_wall_s }).unwrap();
-        BudgetDocument::new(Budget { max_error_mm, max_wall_s }, &choice, ModelName::Nonlinear, 6)
+        BudgetDocument::new(Budget { max_error_mm, max_wall_s, go_on: true }, &choice, ModelName::Nonlinear, 6)
     }
 
     #[test]

@@ -43,7 +43,7 @@ mod warning;
 pub use attachment::{AttachedDocument, Attachment, BeyondName, NodeClassName, PaintDocument};
 pub use baselines::{BaselineDocument, BaselinesDocument};
 pub use bounds::BoxDocument;
-pub use budget::{Budget, BudgetDocument, EstimateDocument};
+pub use budget::{Budget, BudgetDocument, EstimateDocument, TriedDocument};
 pub use check::{Check, REACH_MM, short_number};
 pub use clinical::{
     BeforeAfterDocument, ClinicalDocument, NamedPointDocument, ProfilePieceDocument, SoftToHardDocument,

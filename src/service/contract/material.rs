@@ -389,6 +389,18 @@ pub enum LockingName {
     Patched,
 }
 
+impl LockingName {
+    /// Name on the wire.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Smoothed => "smoothed",
+            Self::Patched => "patched",
+        }
+    }
+}
+
 impl From<LockingName> for Locking {
     fn from(name: LockingName) -> Self {
         match name {

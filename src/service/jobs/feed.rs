@@ -106,6 +106,6 @@ impl EventFeed {
 /// The last event of a deleted job.
 fn deleted(job: JobId) -> EventRecord {
     let fault = Fault::new(FaultKind::Gone, format!("job {job} was deleted with its session"));
-    let (kind, data) = end_event(JobState::Cancelled, Some(&fault));
+    let (kind, data) = end_event(JobState::Cancelled, Some(&fault), None);
     EventRecord { seq: 0, kind: kind.to_owned(), data }
 }

@@ -4,6 +4,7 @@
 //! it is complete; each worker computes one job at a time; a cancelled job never succeeds. When the service stops, its running
 //! jobs are continued by its next start or by another process on the same store.
 
+mod budget;
 mod cpu_pool;
 mod events;
 mod feed;
@@ -33,6 +34,7 @@ mod worker;
 
 pub mod trace;
 
+pub use budget::{Given, demand_of};
 pub use cpu_pool::{CpuPool, Panicked};
 pub use feed::EventFeed;
 pub use frame::SkinFrame;

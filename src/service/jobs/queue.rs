@@ -146,7 +146,7 @@ impl Service {
                 tokio::time::sleep(Duration::from_millis(5)).await;
                 continue;
             }
-            let change = JobChange { events: vec![end_event(JobState::Cancelled, None)], ..JobChange::default() };
+            let change = JobChange { events: vec![end_event(JobState::Cancelled, None, None)], ..JobChange::default() };
             if let Ok(to) = next(job.state, JobEvent::Cancel)
                 && self.store.change_job(&job, to, &change).await?
             {

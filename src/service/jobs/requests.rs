@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::budget::Given;
 use prosopon_contract::{
     BudgetDocument, CompareRequest, CutDocument, Fault, FieldSettingsDocument, MeshRequest, PlanDocument, PresetName,
     SolveRequest, TissueDocument, WarningDocument,
@@ -91,6 +92,9 @@ pub struct SolveTask {
     /// What was chosen for the request's budget.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub budget: Option<BudgetDocument>,
+    /// What the request gave, so that a budget does not choose it.
+    #[serde(default)]
+    pub given: Given,
     /// SHA-256 of the session's target surface when the job was accepted.
     #[serde(default)]
     pub target: Option<String>,

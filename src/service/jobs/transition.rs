@@ -43,7 +43,7 @@ pub(super) fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, 
 pub(super) fn ended(state: JobState, fault: Option<&Fault>) -> JobChange {
     JobChange {
         fault: fault.and_then(|f| serde_json::to_string(f).ok()),
-        events: vec![end_event(state, fault)],
+        events: vec![end_event(state, fault, None)],
         ..JobChange::default()
     }
 }

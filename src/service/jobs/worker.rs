@@ -194,12 +194,14 @@ fn outcome(
         return (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None)));
     }
     match done {
-        Ok(Done { report, tissue, warnings: found }) => {
+        Ok(Done { report, tissue, warnings: found, continuation }) => {
             // Warnings of steps have their events already.
             let mut events: Vec<_> = running.own_warnings().iter().chain(&found).filter_map(warning_event).collect();
             let warnings = stored_warnings(running.warnings().iter().chain(&found));
-            events.push(end_event(JobState::Succeeded, None));
-            let change = JobChange { phase: Some("done"), report, tissue, warnings, events, ..JobChange::default() };
+            let next = continuation.as_ref().map(|next| next.0.id);
+            events.push(end_event(JobState::Succeeded, None, next));
+            let phase = Some("done");
+            let change = JobChange { phase, report, tissue, warnings, events, continuation, ..JobChange::default() };
             (JobEvent::Succeed, change)
         }
         Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreUnavailable => interrupted(job, -1),

@@ -115,6 +115,10 @@ pub struct JobRecord {
     pub cancel_requested_at: Option<String>,
     /// The newer job that superseded this one.
     pub superseded_by: Option<JobId>,
+    /// The job that missed its budget and that this one continues.
+    pub continues: Option<JobId>,
+    /// The job that continues this one.
+    pub continued_by: Option<JobId>,
     /// Number of the first event that is still stored.
     pub events_from: u64,
     /// Its report, JSON, once it has succeeded.
@@ -163,6 +167,8 @@ impl JobRecord {
             traceparent: None,
             cancel_requested_at: None,
             superseded_by: None,
+            continues: None,
+            continued_by: None,
             events_from: 1,
             report: None,
             fault: None,
@@ -219,6 +225,10 @@ pub struct JobChange {
     pub tissue: Option<BlobInfo>,
     /// Kind and JSON of the events to append.
     pub events: Vec<(&'static str, String)>,
+    /// An accepted job of the same session that continues this one, and the JSON of its first event, of kind `status`.
+    ///
+    /// It is stored whatever the limits of the queue: the client's request was accepted within them.
+    pub continuation: Option<Box<(JobRecord, String)>>,
 }
 
 /// Limits on the number of waiting jobs.

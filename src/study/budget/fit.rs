@@ -35,7 +35,7 @@ impl Law {
 }
 
 /// The value that a share `q` of the values does not exceed; NaN without values.
-fn quantile(mut values: Vec<f64>, q: f64) -> f64 {
+pub(super) fn quantile(mut values: Vec<f64>, q: f64) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     let last = values.len().saturating_sub(1) as f64;
     values.get((q * last).ceil() as usize).copied().unwrap_or(f64::NAN)

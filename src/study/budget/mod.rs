@@ -11,13 +11,11 @@ use super::end_skin::{EndSkin, end_skin, usual_run};
 use super::error::{BenchError, write};
 use super::files::refuse_unwritable;
 use super::head::{Head, HeadSource};
-use super::model_case::locking_name;
+use super::model_case::{largest_displacement_mm, locking_name};
 use super::operations::{self, Operation, Scene};
-use prosopon_geometry::Motion;
 use prosopon_planning::evaluate::{between_solutions, face_regions};
-use prosopon_planning::plan::Plan;
 use prosopon_planning::simulate::budget::{Demand, KnownMesh};
-use prosopon_planning::simulate::{CutBone, Fields, TissueSettings};
+use prosopon_planning::simulate::{Fields, TissueSettings};
 use prosopon_tissue::fem::Locking;
 use prosopon_tissue::mesh::MeshSettings;
 
@@ -178,16 +176,6 @@ fn demand_of(row: &Row) -> Demand {
         edge_mm: None,
         locking: None,
     }
-}
-
-/// The farthest that bone moves at the end of the plan, mm.
-fn largest_displacement_mm(bone: &CutBone, plan: &Plan) -> f64 {
-    let of = |(id, motion): &(u32, Motion)| {
-        let segments = bone.osteotomy.segments.iter().filter(|s| s.id == *id);
-        let points = segments.flat_map(|s| s.surface.positions());
-        points.map(|p| (motion * p - p).norm()).fold(0.0, f64::max)
-    };
-    plan.motions(1.0).iter().map(of).fold(0.0, f64::max)
 }
 
 fn csv(rows: &[Row]) -> String {

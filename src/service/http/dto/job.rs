@@ -7,7 +7,7 @@ use uuid::Uuid;
 use crate::http::problem::ProblemDocument;
 use prosopon_contract::{Fault, Findings, WarningDocument};
 use prosopon_jobs::JobStatus;
-use prosopon_store::{JobKind, JobRecord, JobState};
+use prosopon_store::{JobId, JobKind, JobRecord, JobState};
 
 /// A job and its current state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -48,6 +48,12 @@ pub struct JobView {
     /// Id of the newer job that replaced this one in the queue.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub superseded_by: Option<Uuid>,
+    /// Id of the job that missed the error of its `budget` and that this one continues with a better setting.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub continues: Option<Uuid>,
+    /// Id of the job that continues this one with a better setting.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub continued_by: Option<Uuid>,
     /// Residual force of each finished step, in step order, relative to the reaction force.
     pub residuals: Vec<f64>,
     /// Warnings and notes about the inputs and the result.
@@ -82,7 +88,9 @@ impl JobView {
             queue_position: None,
             attempt: record.attempt,
             cancel_requested_at: record.cancel_requested_at.clone(),
-            superseded_by: record.superseded_by.map(prosopon_store::JobId::uuid),
+            superseded_by: record.superseded_by.map(JobId::uuid),
+            continues: record.continues.map(JobId::uuid),
+            continued_by: record.continued_by.map(JobId::uuid),
             residuals: Vec::new(),
             findings: findings(&record.warnings),
             problem: fault.as_ref().map(ProblemDocument::from),

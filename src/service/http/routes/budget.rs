@@ -1,18 +1,9 @@
 use crate::http::Problem;
-use prosopon_contract::{BudgetDocument, Fault, FaultKind, LockingName, MeshRequest, PlanDocument, SolveRequest};
-use prosopon_jobs::MeshChoice;
-use prosopon_planning::simulate::budget::{COARSER, Demand, KnownMesh, Limits, choose};
+use prosopon_contract::{BudgetDocument, Fault, FaultKind, MeshRequest, PlanDocument, SolveRequest};
+use prosopon_jobs::{Given, MeshChoice, demand_of};
+use prosopon_planning::simulate::budget::{KnownMesh, Limits, choose};
 use prosopon_session::SessionParts;
 use prosopon_store::PartKind;
-
-/// What a request gives, so that it is not chosen.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Given {
-    /// The mesh.
-    pub(super) mesh: bool,
-    /// The formulation.
-    pub(super) locking: Option<LockingName>,
-}
 
 /// Sets edge and formulation of a solve with a budget; `None` without one.
 pub(super) fn keep_budget(
@@ -23,15 +14,7 @@ pub(super) fn keep_budget(
     given: Given,
 ) -> Result<Option<BudgetDocument>, Problem> {
     let Some(asked) = request.budget else { return Ok(None) };
-    let demand = Demand {
-        displacement_mm: plan.reports.iter().map(|r| r.max_displacement_mm).fold(0.0, f64::max),
-        steps: request.steps(),
-        mesh: known_mesh(parts, mesh)?,
-        // The coarser mesh of the estimate must be deep enough too.
-        max_edge_mm: 0.5 * (mesh.settings.depth_mm - mesh.settings.skin_thickness_mm) / COARSER,
-        edge_mm: given.mesh.then_some(mesh.settings.edge_mm),
-        locking: given.locking.map(Into::into),
-    };
+    let demand = demand_of(request, mesh, plan, given, known_mesh(parts, mesh)?);
     let least = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(f64::min);
     let limits = Limits { error_mm: asked.max_error_mm, wall_s: least(asked.max_wall_s, request.max_wall_s) };
     let choice = choose(&demand, limits).ok_or_else(|| {

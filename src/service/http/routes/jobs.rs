@@ -9,7 +9,7 @@ use utoipa::IntoParams;
 use uuid::Uuid;
 
 use super::accepted::{accept_order, stored};
-use super::budget::{Given, keep_budget};
+use super::budget::keep_budget;
 use super::mesh_choice::mesh_of;
 use super::osteotomies::current_osteotomy;
 use super::plans;
@@ -21,7 +21,7 @@ use crate::http::{AppState, Problem};
 use prosopon_contract::{
     CutDocument, Fault, FaultKind, SessionSettings, SolveRequest, TissueDocument, from_json, short_number,
 };
-use prosopon_jobs::{Order, SceneTask, SolveTask};
+use prosopon_jobs::{Given, Order, SceneTask, SolveTask};
 use prosopon_planning::simulate::{HEAD_LOCKING, READY_MESH_LOCKING};
 use prosopon_session::SessionParts;
 use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, PlanRecord, SessionId};
@@ -80,7 +80,7 @@ pub(in crate::http) async fn create(
     } else {
         HEAD_LOCKING
     };
-    let given = Given { mesh: request.mesh.is_some(), locking: request.locking };
+    let given = Given { mesh: request.mesh.is_some(), locking: request.locking.is_some() };
     let mut request = request.resolved(&defaults, state.service.settings().max_wall, locking)?;
     let (supersede, max_wall_s, mesh_job) = (request.supersede, request.max_wall_s, request.mesh);
     let (steps, subject) = (request.steps(), request.plan.to_string());
@@ -122,6 +122,7 @@ pub(in crate::http) async fn create(
         mesh_key: parts.mesh_key(&mesh.settings, mesh.cuts.as_deref())?,
         mesh,
         budget,
+        given,
         target: parts.get(PartKind::Target).map(|target| target.key.clone()),
         warm_start: None,
     };

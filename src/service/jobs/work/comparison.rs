@@ -36,5 +36,5 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let report = to_json("the comparison", &compared.document)?;
     let values = StoredComparison::encode(&compared);
     let values = context.put(values).await?;
-    Ok(Done { report: Some(report), tissue: Some(values), warnings: Vec::new() })
+    Ok(Done { report: Some(report), tissue: Some(values), ..Done::default() })
 }

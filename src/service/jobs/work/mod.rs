@@ -2,6 +2,7 @@
 
 mod compare;
 mod comparison;
+mod continuation;
 mod estimate;
 mod field;
 mod import;
@@ -18,6 +19,7 @@ use std::time::Duration;
 
 use serde::de::DeserializeOwned;
 
+use self::continuation::Continuation;
 use super::Service;
 use super::events::panicked;
 use super::running::Running;
@@ -38,6 +40,8 @@ pub(super) struct Done {
     pub(super) report: Option<String>,
     pub(super) tissue: Option<BlobInfo>,
     pub(super) warnings: Vec<WarningDocument>,
+    /// A job that goes on.
+    pub(super) continuation: Option<Continuation>,
 }
 
 /// Inputs of a job's work.

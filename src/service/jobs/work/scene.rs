@@ -71,7 +71,7 @@ pub(super) async fn perform(context: &Context, request: &SceneTask) -> Result<Do
     reported.extend(context.running.step_warnings().into_iter().map(|(_, warning)| warning));
     let found = solved.warnings.into_iter().map(WarningDocument::from);
     let warnings = found.filter(|w| !reported.contains(w)).collect();
-    Ok(Done { report: Some(to_json("the report", &report)?), tissue, warnings })
+    Ok(Done { report: Some(to_json("the report", &report)?), tissue, warnings, continuation: None })
 }
 
 /// The segments of the plan's osteotomy, or the uploaded bones when the plan has none.

@@ -4,6 +4,7 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 
 use super::compare::Reference;
+use super::continuation::{Spent, go_on};
 use super::estimate::Estimating;
 use super::report::{Ingredients, compile};
 use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
@@ -103,6 +104,18 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
         (_, Some((_, wall_s))) => *wall_s,
         (_, None) => 0.0,
     };
+    let mut budget = solved.budget;
+    let continuation = match (&mut budget, &solved.mesh) {
+        (Some(budget), Some((report, _))) => {
+            let spent = Spent { nodes: report.nodes, mesh_s, path_s: solved.solving.as_secs_f64() };
+            go_on(context, &parts, &request, budget, spent)?
+        }
+        _ => None,
+    };
+    let continuation = continuation.map(|(job, note)| {
+        warnings.push(note.into());
+        job
+    });
     let osteotomy = request.mesh.cuts.is_some().then(|| request.osteotomy_id.to_string());
     let ingredients = Ingredients {
         mesh: solved.mesh.map(|(report, _)| MeshDocument::new(request.mesh.settings.clone(), osteotomy, &report)),
@@ -115,11 +128,12 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
         regions_from_landmarks: solved.regions_from_landmarks,
         clinical: solved.clinical.as_ref(),
         solve_s: solved.solving.as_secs_f64(),
-        budget: solved.budget,
+        budget,
         warnings: &warnings,
         reported: &context.running.own_warnings(),
     };
-    Ok(Done { report: Some(to_json("the report", &compile(&ingredients)?)?), tissue, warnings })
+    let report = Some(to_json("the report", &compile(&ingredients)?)?);
+    Ok(Done { report, tissue, warnings, continuation })
 }
 
 /// What is computed besides the steps.

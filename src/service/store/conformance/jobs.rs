@@ -120,6 +120,27 @@ async fn a_newer_job_takes_the_place_of_waiting_ones(store: Store) {
     }
 }
 
+async fn a_job_is_continued_by_another_in_the_change_that_ends_it(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    accept(&store, id, "1").await;
+    let first = claim(&store).await.unwrap();
+    let next = JobRecord { continues: Some(first.id), ..job(id, "2") };
+    let continuation = || Some(Box::new((next.clone(), "{}".to_owned())));
+    let change = JobChange { continuation: continuation(), ..JobChange::default() };
+    // A change that is refused stores no job.
+    let stale = JobRecord { fence: first.fence + 1, ..first.clone() };
+    assert!(!store.change_job(&stale, JobState::Succeeded, &change).await.unwrap());
+    assert_eq!(store.job(next.id).await.unwrap(), None);
+    assert!(store.change_job(&first, JobState::Succeeded, &change).await.unwrap());
+    assert!(!store.change_job(&first, JobState::Succeeded, &change).await.unwrap(), "it is stored once");
+    let [first, stored] = [first.id, next.id].map(|id| store.job(id));
+    let (first, stored) = (first.await.unwrap().unwrap(), stored.await.unwrap().unwrap());
+    assert_eq!((first.state, first.continued_by), (JobState::Succeeded, Some(next.id)));
+    assert_eq!((stored.state, stored.continues, stored.tenant.as_str()), (JobState::Accepted, Some(first.id), "a"));
+    assert_eq!(store.events(next.id, 0).await.unwrap().len(), 1);
+    assert_eq!(claim(&store).await.unwrap().id, next.id);
+}
+
 async fn what_comes_under_an_old_fence_is_refused(store: Store) {
     let id = add_session(&store, "a").await.id;
     accept(&store, id, "1").await;
@@ -386,6 +407,7 @@ conforms! {
     a_job_waits_a_little_for_the_worker_that_knows_its_session,
     a_worker_takes_first_what_it_knows_but_nobody_waits_for_ever,
     a_newer_job_takes_the_place_of_waiting_ones,
+    a_job_is_continued_by_another_in_the_change_that_ends_it,
     what_comes_under_an_old_fence_is_refused,
     a_lease_is_renewed_by_its_worker_and_passes_without,
     a_job_that_was_asked_to_stop_can_only_be_cancelled,

@@ -14,6 +14,7 @@ const MIGRATIONS: &[(&str, &str)] = &[
     ("place of blobs", include_str!("3_place_of_blobs.sql")),
     ("milestones", include_str!("4_milestones.sql")),
     ("sealed values", include_str!("5_sealed_values.sql")),
+    ("continued jobs", include_str!("6_continued_jobs.sql")),
 ];
 
 /// Postgres error code: a table that a script creates exists already.

@@ -2,7 +2,7 @@ use sqlx::{AssertSqlSafe, Row};
 
 use super::dialect::{FOR_CHANGE, LISTED};
 use super::events::{append_all, append_progress};
-use super::{DbRow, Pool, Result, Transaction, sessions};
+use super::{DbRow, Pool, Result, Transaction, queue, sessions};
 use crate::job::{joined_warnings, progress_after};
 use crate::records::{from_json, id_list, now_rfc3339, parse_id, to_i64, to_json, to_u32, to_u64};
 use crate::{BlobInfo, JobChange, JobFilter, JobId, JobKind, JobRecord, JobState, StoreError, TenantId};
@@ -30,6 +30,8 @@ pub(super) fn record(row: &DbRow) -> Result<JobRecord> {
         traceparent: row.try_get("traceparent")?,
         cancel_requested_at: row.try_get("cancel_requested_at")?,
         superseded_by: id_in("superseded_by")?.as_deref().map(parse_id).transpose()?,
+        continues: id_in("continues")?.as_deref().map(parse_id).transpose()?,
+        continued_by: id_in("continued_by")?.as_deref().map(parse_id).transpose()?,
         events_from: to_u64(row.try_get("events_from")?),
         report: row.try_get("report")?,
         fault: row.try_get("fault")?,
@@ -91,9 +93,10 @@ pub(super) async fn change(
     quota: u64,
 ) -> Result<bool> {
     let mut transaction = writer.begin().await?;
-    let job = match change.tissue {
-        Some(_) => held_with_session(&mut transaction, id).await?,
-        None => held(&mut transaction, id).await?,
+    let job = if change.tissue.is_some() || change.continuation.is_some() {
+        held_with_session(&mut transaction, id).await?
+    } else {
+        held(&mut transaction, id).await?
     };
     let Some(job) = job.filter(|j| j.may_change(from, fence, to)) else { return Ok(false) };
     write_change(&mut transaction, &job, to, change).await?;
@@ -136,7 +139,12 @@ pub(super) async fn write_change(
     .bind(to.has_ended())
     .execute(&mut **transaction)
     .await?;
-    append_all(transaction, job.id, &change.events).await
+    append_all(transaction, job.id, &change.events).await?;
+    let Some((next, event)) = change.continuation.as_deref() else { return Ok(()) };
+    queue::add(transaction, next, event).await?;
+    let named = sqlx::query("UPDATE jobs SET continued_by = $1 WHERE id = $2").bind(next.id.to_string());
+    named.bind(job.id.to_string()).execute(&mut **transaction).await?;
+    Ok(())
 }
 
 pub(super) async fn request_cancel(writer: &Pool, id: JobId) -> Result<bool> {

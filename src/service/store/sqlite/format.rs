@@ -18,6 +18,7 @@ const MIGRATIONS: &[&str] = &[
     include_str!("9_place_of_blobs.sql"),
     include_str!("10_milestones.sql"),
     include_str!("11_sealed_values.sql"),
+    include_str!("12_continued_jobs.sql"),
 ];
 
 /// File name of the database in its directory.

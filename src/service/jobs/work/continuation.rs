@@ -1,0 +1,93 @@
+//! The further job that goes on where a budget was missed.
+
+use super::Context;
+use crate::budget::demand_of;
+use crate::events::status_event;
+use crate::requests::{MeshChoice, SolveTask};
+use prosopon_contract::{BudgetDocument, Fault, LockingName, MeshRequest, SolveRequest, TriedDocument, to_json};
+use prosopon_geometry::Warning;
+use prosopon_planning::simulate::budget::{KnownMesh, Limits, Tried, choose_after};
+use prosopon_session::SessionParts;
+use prosopon_store::{JobKind, JobRecord, JobState};
+
+/// What one solve with a budget took.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spent {
+    /// Nodes of its mesh.
+    pub(super) nodes: usize,
+    /// Time of the mesh, s.
+    pub(super) mesh_s: f64,
+    /// Time of the path, s.
+    pub(super) path_s: f64,
+}
+
+/// A job that goes on, and the JSON of its first event.
+pub(super) type Continuation = Box<(JobRecord, String)>;
+
+/// The further job after a solve that missed the error of its budget, if a better setting is expected to end in time.
+///
+/// Names it in `budget`, and returns it with a note.
+pub(super) fn go_on(
+    context: &Context,
+    parts: &SessionParts,
+    task: &SolveTask,
+    budget: &mut BudgetDocument,
+    spent: Spent,
+) -> Result<Option<(Continuation, Warning)>, Fault> {
+    let (Some(estimated), Some(spent_s), Some(asked_mm)) =
+        (budget.estimated, budget.spent_s, budget.asked.max_error_mm)
+    else {
+        return Ok(None);
+    };
+    if !budget.asked.go_on || estimated.error_mm <= asked_mm {
+        return Ok(None);
+    }
+    let tried = TriedDocument {
+        job: context.job.id.uuid(),
+        chosen: budget.chosen,
+        expected: budget.expected,
+        estimated,
+        spent_s,
+    };
+    let all_tried: Vec<TriedDocument> = budget.tried.iter().copied().chain([tried]).collect();
+    let job_s = context.job.max_wall_s.map(|_| context.running.control.left_s());
+    let tried_s = budget.tried_s() + tried.spent_s + tried.estimated.wall_s;
+    let budget_s = budget.asked.max_wall_s.map(|most| most - tried_s);
+    let limits = Limits { error_mm: Some(asked_mm), wall_s: job_s.into_iter().chain(budget_s).reduce(f64::min) };
+    let edge_mm = task.mesh.settings.edge_mm;
+    let known = KnownMesh { edge_mm, nodes: spent.nodes, wall_s: spent.mesh_s };
+    let demand = demand_of(&task.request, &task.mesh, &task.plan, task.given, Some(known));
+    let solved =
+        Tried { edge_mm, locking: budget.chosen.locking.into(), error_mm: estimated.error_mm, path_s: spent.path_s };
+    let Some(choice) = choose_after(&solved, &demand, limits) else { return Ok(None) };
+
+    let mesh = MeshChoice {
+        settings: MeshRequest { edge_mm: choice.chosen.edge_mm, ..task.mesh.settings.clone() },
+        cuts: task.mesh.cuts.clone(),
+    };
+    let locking: LockingName = choice.chosen.locking.into();
+    let request = SolveRequest { locking: Some(locking), max_wall_s: job_s, ..task.request.clone() };
+    let document = BudgetDocument::new(budget.asked, &choice, request.solved_model(), request.steps());
+    let next = SolveTask {
+        mesh_key: parts.mesh_key(&mesh.settings, mesh.cuts.as_deref())?,
+        mesh,
+        budget: Some(BudgetDocument { tried: all_tried, ..document }),
+        request,
+        // The state of another mesh is no start for this one.
+        warm_start: None,
+        ..task.clone()
+    };
+    let job = JobRecord {
+        steps: context.job.steps,
+        subject: context.job.subject.clone(),
+        max_wall_s: job_s,
+        traceparent: context.job.traceparent.clone(),
+        continues: Some(context.job.id),
+        ..JobRecord::accepted(JobKind::Solve, context.job.session, to_json("the request of a job", &next)?)
+    };
+    budget.continued_by = Some(job.id.uuid());
+    let message =
+        format!("job {} goes on with {} mm edges and `locking` {}", job.id, choice.chosen.edge_mm, locking.as_str());
+    let note = Warning::info("budget-continued", message);
+    Ok(Some((Box::new((job, status_event(JobState::Accepted, 0))), note)))
+}

@@ -138,7 +138,7 @@ fn a_tied_scene_is_solved_by_every_model() {
         }
         let moved = &file.point_array("displacement_mm").unwrap().values;
         let stress = file.cell_array("stress_mpa").unwrap();
-        let ratio = &file.cell_array("J").unwrap().values;
+        let ratio = &file.cell_array("volume_ratio").unwrap().values;
         assert_eq!(stress.components, 6);
         assert!(stress.values.iter().chain(ratio).all(|v| v.is_finite()) && ratio.iter().all(|j| *j > 0.0));
         // Tied points follow their segment.

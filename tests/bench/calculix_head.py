@@ -5,7 +5,7 @@ usage: tests/bench/calculix_head.py PROSOPON OUT [--head DIR] [--edges MM ...] [
 
 PROSOPON is the release binary, OUT a folder for meshes, decks and results. Needs CalculiX (`apt-get install calculix-ccx`),
 numpy and scipy. The scene is the demo's Le Fort I, 6 mm forward and 1.5 mm down, on the generated head or on DIR
-(`DIR.nii.gz` or skin and skull), without contact: tissue tied to bone moves with it, all other tissue is free. Poisson ratio
+(`DIR.nii.gz` or skin and skull), without contact: tissue that is tied to bone or glides on it is tied here, all other tissue is free. Poisson ratio
 0.45, neo-Hookean. The service makes the meshes. Of each --edges mesh `prosopon solve` computes the skin with linear elements;
 of each --reference mesh CalculiX computes it with quadratic tetrahedra and wedges (C3D10, C3D15) on straight edges. The last
 reference counts. An error is the distance between two solutions at the reference's nodes of the skin that move by more than
@@ -74,8 +74,8 @@ def mesh_of(path):
     found = arrays(path)
     points = found["Points"].reshape(-1, 3) - found["displacement_mm"].reshape(-1, 3)
     cells = [tuple(int(v) for v in c) for c in numpy.split(found["connectivity"], found["offsets"][:-1])]
-    # Whatever glides or slides is free here.
-    held = [int(a) if a >= 0 else -1 for a in found["attachment"]]
+    # What glides on a segment (-3 - segment) is tied to it here; what slides is free.
+    held = [int(a) if a >= 0 else int(-3 - a) if a <= -3 else -1 for a in found["attachment"]]
     return Mesh(points, cells, [int(t) for t in found["tissue"]], held)
 
 

@@ -9,6 +9,7 @@ mod api_examples;
 mod budget;
 mod crash_recovery;
 mod damaged_values;
+mod deformed_volume;
 #[path = "../engines/mod.rs"]
 mod engines;
 mod factor_reuse;

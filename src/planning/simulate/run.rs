@@ -103,6 +103,8 @@ pub struct Outcome {
     pub face: Vec<FaceRegion>,
     /// Positions of the deformed mesh's nodes, LPS mm.
     pub nodes: Vec<Point>,
+    /// How each node was held in the solve; tissue that was left out counts as fixed.
+    pub attachment: Vec<Attachment>,
     /// State at the end, for the warm start of another path.
     pub end: StartState,
     /// Tissue that was left out.
@@ -274,8 +276,8 @@ pub fn solve_prepared(
     };
     warnings.extend(left_out.warning(settings.leave_out_below_mm));
     control.report(1.0);
-    let attached = prepared.attached.clone();
-    Ok(Outcome { steps, regions, face, nodes, end, left_out, attached, warnings })
+    let (attached, attachment) = (prepared.attached.clone(), prepared.mesh.attachment.clone());
+    Ok(Outcome { steps, regions, face, nodes, attachment, end, left_out, attached, warnings })
 }
 
 /// Refuses a run that `prepared` is not for.

@@ -231,7 +231,7 @@ impl Scene {
     /// The mesh `file` of the scene with the outcome as point and cell arrays.
     ///
     /// Point arrays: `displacement_mm` and `attachment`. Cell arrays: `tissue`, `stress_mpa` (Cauchy: xx, yy, zz, xy, yz, xz),
-    /// `von_mises_mpa` and `J`. Points are at rest; points and cells are in the file's order.
+    /// `von_mises_mpa` and `volume_ratio`. Points are at rest; points and cells are in the file's order.
     #[must_use]
     pub fn solved_mesh(&self, file: &VolumeMesh, outcome: &SceneOutcome) -> VolumeMesh {
         let mesh = &self.ready.mesh;
@@ -253,7 +253,7 @@ impl Scene {
                 array("tissue", 1, tissue),
                 array("stress_mpa", 6, stress),
                 array("von_mises_mpa", 1, von_mises),
-                array("J", 1, ratio),
+                array("volume_ratio", 1, ratio),
             ],
             ..self.moved_mesh(file, &outcome.displacements_mm)
         }

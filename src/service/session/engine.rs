@@ -136,7 +136,7 @@ pub trait Engine: Debug + Send + Sync {
     ///
     /// # Errors
     /// [`Halt`].
-    fn tissue_file(&self, run: &Run, nodes: &[Point], control: &Control) -> Result<Vec<u8>, Halt>;
+    fn tissue_file(&self, run: &Run, outcome: &Outcome, control: &Control) -> Result<Vec<u8>, Halt>;
 
     /// The prediction in a surgeon's terms; `moved` is the skin at the end of the path.
     ///

@@ -353,9 +353,9 @@ impl Engine for Numerics {
         Ok(solved)
     }
 
-    fn tissue_file(&self, run: &Run, nodes: &[Point], control: &Control) -> Result<Vec<u8>, Halt> {
+    fn tissue_file(&self, run: &Run, outcome: &Outcome, control: &Control) -> Result<Vec<u8>, Halt> {
         let tissue = self.tissue_of(&run.case, &run.tissue, control)?;
-        tissue_file(&tissue.mesh, nodes)
+        tissue_file(&tissue.mesh, outcome)
             .ok_or_else(|| Fault::new(FaultKind::Internal, "the deformed nodes are not those of the mesh").into())
     }
 

@@ -1,18 +1,19 @@
 use prosopon_formats::export::vtu;
 use prosopon_geometry::{Point, Vector};
+use prosopon_planning::simulate::Outcome;
 use prosopon_tissue::mesh::MixedMesh;
 
-/// The mesh with its nodes at `nodes` (LPS mm) as a VTU file; `None` when the numbers of nodes differ.
+/// The mesh at rest with the outcome of a solve as a VTU file; `None` when the numbers of nodes differ.
 ///
-/// Point arrays: `displacement_mm`, and `attachment` (-1 free, 0 skull or fixed, k segment k, -2 sliding, -3 - k gliding on segment k). Cell arrays: `tissue`
-/// (0 skin, 1 muscle, 2 fat, 3 mucosa, 4 cartilage) and `volume_ratio`.
-pub(super) fn tissue_file(mesh: &MixedMesh, nodes: &[Point]) -> Option<Vec<u8>> {
-    if nodes.len() != mesh.positions.len() {
+/// Point arrays: `displacement_mm`, and `attachment` in the solve (-1 free, 0 skull, fixed or left out, k segment k, -2 sliding,
+/// -3 - k gliding on segment k). Cell arrays: `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa, 4 cartilage) and `volume_ratio`.
+pub(super) fn tissue_file(mesh: &MixedMesh, outcome: &Outcome) -> Option<Vec<u8>> {
+    let (rest, nodes) = (&mesh.positions, &outcome.nodes);
+    if [nodes.len(), outcome.attachment.len()] != [rest.len(); 2] {
         return None;
     }
-    let rest = &mesh.positions;
     let displacement: Vec<f64> = nodes.iter().zip(rest).flat_map(|(x, r)| <[f64; 3]>::from(x - r)).collect();
-    let attachment: Vec<f64> = mesh.attachment.iter().map(|a| a.number()).collect();
+    let attachment: Vec<f64> = outcome.attachment.iter().map(|a| a.number()).collect();
     let of_tetrahedra = mesh.tetrahedron_tissue.iter().copied();
     let of_prisms = (0..mesh.prisms.len()).map(|prism| mesh.tissue_of_prism(prism));
     let tissue: Vec<f64> = of_tetrahedra.chain(of_prisms).map(|t| f64::from(t as u8)).collect();
@@ -21,7 +22,7 @@ pub(super) fn tissue_file(mesh: &MixedMesh, nodes: &[Point]) -> Option<Vec<u8>> 
     let volume_ratio: Vec<f64> = tetrahedra.chain(prisms).collect();
     let points: [(&str, usize, &[f64]); 2] = [("displacement_mm", 3, &displacement), ("attachment", 1, &attachment)];
     let cells: [(&str, usize, &[f64]); 2] = [("tissue", 1, &tissue), ("volume_ratio", 1, &volume_ratio)];
-    Some(vtu(nodes, &mesh.tetrahedra, &mesh.prisms, &points, &cells))
+    Some(vtu(rest, &mesh.tetrahedra, &mesh.prisms, &points, &cells))
 }
 
 /// Splits a prism into three tetrahedra of the same orientation, for its volume.

@@ -326,6 +326,7 @@ impl Engine for StandIn {
             regions,
             face: Vec::new(),
             nodes: Vec::new(),
+            attachment: Vec::new(),
             end: StartState::default(),
             left_out: LeftOut::default(),
             attached: Attached::default(),
@@ -344,7 +345,7 @@ impl Engine for StandIn {
         Numerics::new(Limits::default()).solve_scene(run, control, watch)
     }
 
-    fn tissue_file(&self, _: &Run, _: &[Point], _: &Control) -> Result<Vec<u8>, Halt> {
+    fn tissue_file(&self, _: &Run, _: &Outcome, _: &Control) -> Result<Vec<u8>, Halt> {
         Ok(b"<VTKFile/>".to_vec())
     }
 

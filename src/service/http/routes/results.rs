@@ -234,7 +234,8 @@ pub(in crate::http) async fn frame(
 
 /// Read the deformed volume
 ///
-/// Returns a VTU file with displacement, tissue, attachment and volume ratio. Only jobs with the output `tissue` have it.
+/// Returns a VTU file. Its points are at rest; `displacement_mm` moves them. On points also `attachment`, as it was in the solve, and
+/// on cells `tissue` and `volume_ratio`, with the numbers of an uploaded tissue mesh. Only jobs with the output `tissue` have it.
 #[utoipa::path(get, path = "/v1/jobs/{job}/tissue", tag = "results", params(("job" = Uuid, Path)),
     responses((status = 200, description = "The volume.", body = Vec<u8>, content_type = "application/vnd.vtk.vtu"),
         (status = 304, description = "Not modified.")))]

@@ -209,7 +209,7 @@ async fn compute(
                 None => None,
             };
             let tissue =
-                tissue.then(|| engine.tissue_file(&run, &outcome.nodes, &control.stage(SOLVING, 1.0))).transpose()?;
+                tissue.then(|| engine.tissue_file(&run, &outcome, &control.stage(SOLVING, 1.0))).transpose()?;
             Ok(Solved { outcome, tissue, solving, mesh, regions_from_landmarks, clinical, budget, warnings })
         })
         .await

@@ -1,19 +1,8 @@
 //! What a budget of `auto` leaves to choose.
 
-use serde::{Deserialize, Serialize};
-
-use crate::requests::MeshChoice;
+use crate::requests::{Given, MeshChoice};
 use prosopon_contract::{PlanDocument, SolveRequest};
 use prosopon_planning::simulate::budget::{COARSER, Demand, KnownMesh};
-
-/// What a request gives, so that a budget does not choose it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Given {
-    /// The mesh.
-    pub mesh: bool,
-    /// The formulation.
-    pub locking: bool,
-}
 
 /// What is known of a solve before its setting is chosen; `known` is a mesh of the same region.
 #[must_use]

@@ -34,12 +34,14 @@ mod worker;
 
 pub mod trace;
 
-pub use budget::{Given, demand_of};
+pub use budget::demand_of;
 pub use cpu_pool::{CpuPool, Panicked};
 pub use feed::EventFeed;
 pub use frame::SkinFrame;
 pub use order::Order;
-pub use requests::{CompareTask, EarlierSolve, FieldTask, ImportRequest, MeshChoice, MeshTask, SceneTask, SolveTask};
+pub use requests::{
+    CompareTask, EarlierSolve, FieldTask, Given, ImportRequest, MeshChoice, MeshTask, SceneTask, SolveTask,
+};
 pub use service::Service;
 pub use settings::ServiceSettings;
 pub use state::{Illegal, JobEvent, next};

@@ -2,7 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::budget::Given;
 use prosopon_contract::{
     BudgetDocument, CompareRequest, CutDocument, Fault, FieldSettingsDocument, MeshRequest, PlanDocument, PresetName,
     SolveRequest, TissueDocument, WarningDocument,
@@ -66,6 +65,15 @@ pub struct MeshChoice {
     pub settings: MeshRequest,
     /// Cuts whose segments determine the meshed region; `None` for the front of the face or a box.
     pub cuts: Option<Vec<CutDocument>>,
+}
+
+/// What a request gives, so that a budget does not choose it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Given {
+    /// The mesh.
+    pub mesh: bool,
+    /// The formulation.
+    pub locking: bool,
 }
 
 /// Request of a solve along a plan.

@@ -1,6 +1,6 @@
 //! The further job that goes on where a budget was missed.
 
-use super::Context;
+use super::{Context, Continuation};
 use crate::budget::demand_of;
 use crate::events::status_event;
 use crate::requests::{MeshChoice, SolveTask};
@@ -20,9 +20,6 @@ pub(super) struct Spent {
     /// Time of the path, s.
     pub(super) path_s: f64,
 }
-
-/// A job that goes on, and the JSON of its first event.
-pub(super) type Continuation = Box<(JobRecord, String)>;
 
 /// The further job after a solve that missed the error of its budget, if a better setting is expected to end in time.
 ///

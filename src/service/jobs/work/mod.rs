@@ -19,7 +19,6 @@ use std::time::Duration;
 
 use serde::de::DeserializeOwned;
 
-use self::continuation::Continuation;
 use super::Service;
 use super::events::panicked;
 use super::running::Running;
@@ -33,6 +32,9 @@ const COMPUTING: f64 = 0.99;
 
 /// Interval of checks for a stop while a job waits for the store.
 const STOP_SEEN: Duration = Duration::from_millis(250);
+
+/// A job that goes on, and the JSON of its first event.
+type Continuation = Box<(JobRecord, String)>;
 
 /// Result of a job for its row.
 #[derive(Debug, Default)]

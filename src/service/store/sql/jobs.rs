@@ -2,7 +2,7 @@ use sqlx::{AssertSqlSafe, Row};
 
 use super::dialect::{FOR_CHANGE, LISTED};
 use super::events::{append_all, append_progress};
-use super::{DbRow, Pool, Result, Transaction, queue, sessions};
+use super::{DbRow, Pool, Result, Transaction, new_job, sessions};
 use crate::job::{joined_warnings, progress_after};
 use crate::records::{from_json, id_list, now_rfc3339, parse_id, to_i64, to_json, to_u32, to_u64};
 use crate::{BlobInfo, JobChange, JobFilter, JobId, JobKind, JobRecord, JobState, StoreError, TenantId};
@@ -141,7 +141,7 @@ pub(super) async fn write_change(
     .await?;
     append_all(transaction, job.id, &change.events).await?;
     let Some((next, event)) = change.continuation.as_deref() else { return Ok(()) };
-    queue::add(transaction, next, event).await?;
+    new_job::add(transaction, next, event).await?;
     let named = sqlx::query("UPDATE jobs SET continued_by = $1 WHERE id = $2").bind(next.id.to_string());
     named.bind(job.id.to_string()).execute(&mut **transaction).await?;
     Ok(())

@@ -14,6 +14,7 @@ mod events;
 mod jobs;
 mod maintenance;
 mod meta;
+mod new_job;
 mod parts;
 mod plans;
 mod queue;

@@ -1,8 +1,10 @@
 use utoipa::OpenApi as _;
 use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn, PathItem};
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::{Content, ContentBuilder, OpenApi, Ref, RefOr, Required, ResponseBuilder, Schema, schema};
 
 use super::dto::SliceAxis;
+use super::middleware::is_public;
 use super::problem::PROBLEM_JSON;
 use super::{ProblemDocument, routes};
 
@@ -24,9 +26,23 @@ use super::{ProblemDocument, routes};
         (name = "results", description = "Deformed skin, error maps, pictures, reports and comparisons"),
         (name = "health", description = "Health and metrics for operators")
     ),
+    servers((url = "/", description = "The service that this document comes from")),
+    security((), ("bearer" = [])),
+    modifiers(&Bearer),
     components(schemas(ProblemDocument, SliceAxis))
 )]
 struct Description;
+
+/// The security scheme of a service with `[auth]`.
+struct Bearer;
+
+impl utoipa::Modify for Bearer {
+    fn modify(&self, api: &mut OpenApi) {
+        let description = "An API key or a JWT, where the service has `[auth]`; none is needed where it has not.";
+        let scheme = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(description)).build();
+        api.components.get_or_insert_default().add_security_scheme("bearer", SecurityScheme::Http(scheme));
+    }
+}
 
 /// Builds the OpenAPI 3.1 description of all routes.
 #[must_use]
@@ -40,12 +56,14 @@ pub fn openapi() -> OpenApi {
     }
     let schemas = api.components.clone().unwrap_or_default().schemas;
     for (path, item) in &mut api.paths.paths {
-        for (method, operation) in operations(item) {
+        for operation in operations(item) {
             let optional = body_name(operation).is_some_and(|name| schemas.get(name).is_some_and(needs_nothing));
             if let (true, Some(RefOr::T(body))) = (optional, &mut operation.request_body) {
                 body.required = Some(Required::False);
             }
-            operation.operation_id = Some(operation_id(method, path));
+            if is_public(path) {
+                operation.security = Some(Vec::new());
+            }
             add_problem(operation);
             say_binary(operation);
         }
@@ -66,17 +84,8 @@ pub fn openapi_json() -> Result<String, serde_json::Error> {
     Ok(openapi().to_pretty_json()? + "\n")
 }
 
-fn operations(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut Operation)> {
-    [("get", &mut item.get), ("put", &mut item.put), ("post", &mut item.post), ("delete", &mut item.delete)]
-        .into_iter()
-        .filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
-}
-
-/// Operation id of a route: method and words of the path, such as `get_sessions_session_field`.
-fn operation_id(method: &str, path: &str) -> String {
-    let word = |w: &str| w.chars().filter(|c| *c != '{' && *c != '}').map(|c| if c == '.' { '_' } else { c }).collect();
-    let words = path.split('/').filter(|w| !w.is_empty() && *w != "v1").map(word);
-    std::iter::once(method.to_owned()).chain(words).collect::<Vec<String>>().join("_")
+fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
+    [&mut item.get, &mut item.put, &mut item.post, &mut item.delete].into_iter().flatten()
 }
 
 /// Gives bodies that are not text a binary schema, where utoipa gives a list of numbers.
@@ -99,10 +108,6 @@ fn say_binary(operation: &mut Operation) {
     for response in operation.responses.responses.values_mut() {
         if let RefOr::T(response) = response {
             response.content.iter_mut().for_each(|(media_type, content)| say(media_type, content));
-            // A schema would describe one event, but each kind of event has its own.
-            if let Some(RefOr::T(stream)) = response.content.get_mut("text/event-stream") {
-                stream.schema = None;
-            }
         }
     }
 }
@@ -189,12 +194,25 @@ mod tests {
     }
 
     #[test]
+    fn generated_clients_know_states_phases_and_security() {
+        let api = serde_json::to_value(openapi()).unwrap();
+        let job = &api["components"]["schemas"]["JobView"];
+        let members = job["allOf"].as_array().unwrap().iter().find_map(|part| part.get("properties")).unwrap();
+        let names = |member: &str| members[member]["enum"].as_array().unwrap().len();
+        assert_eq!((names("status"), names("kind")), (6, 5));
+        assert!(members["phase"]["enum"].as_array().unwrap().contains(&"estimate".into()));
+        assert_eq!(api["components"]["securitySchemes"]["bearer"]["scheme"], "bearer");
+        assert_eq!(api["paths"]["/livez"]["get"]["security"], serde_json::json!([]));
+        assert_eq!(api["paths"]["/v1/sessions"]["get"]["operationId"], "listSessions");
+    }
+
+    #[test]
     fn every_operation_can_answer_with_a_problem() {
         let api = openapi();
         let mut ids = std::collections::BTreeSet::new();
         assert!(api.paths.paths.len() > 25);
         for (path, mut item) in api.paths.paths {
-            for (_, operation) in operations(&mut item) {
+            for operation in operations(&mut item) {
                 assert!(operation.summary.as_ref().is_some_and(|s| !s.is_empty()), "{path}");
                 assert!(ids.insert(operation.operation_id.clone()), "{path}");
                 assert!(operation.responses.responses.contains_key("default"), "{path}");

@@ -42,6 +42,7 @@ pub use order::Order;
 pub use requests::{
     CompareTask, EarlierSolve, FieldTask, Given, ImportRequest, MeshChoice, MeshTask, SceneTask, SolveTask,
 };
+pub use running::phase_names;
 pub use service::Service;
 pub use settings::ServiceSettings;
 pub use state::{Illegal, JobEvent, next};

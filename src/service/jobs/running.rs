@@ -10,6 +10,11 @@ use prosopon_contract::WarningDocument;
 use prosopon_geometry::control::Control;
 use prosopon_store::{JobId, JobRecord, Lane, SessionId};
 
+/// Names of all phases of a job, in order.
+pub fn phase_names() -> impl Iterator<Item = &'static str> {
+    std::iter::once("waiting").chain(Phase::ALL.map(Phase::as_str)).chain(std::iter::once("done"))
+}
+
 /// Stage of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]

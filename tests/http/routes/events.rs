@@ -4,6 +4,8 @@ use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use serde_json::{Value, json};
 
+use prosopon_service::http::dto::JobEventLine;
+
 use crate::support::app::TestApp;
 
 /// Events of a finished job as lines.
@@ -24,6 +26,11 @@ async fn events_are_numbered_and_report_every_step() {
     let events = lines(&app, &job, None).await;
     let ids: Vec<u64> = events.iter().map(|e| e["id"].as_u64().unwrap()).collect();
     assert_eq!(ids, (1..=events.len() as u64).collect::<Vec<_>>());
+    // Every line is what the OpenAPI document describes, and has nothing else.
+    for event in &events {
+        let typed: JobEventLine = serde_json::from_value(event.clone()).unwrap();
+        assert_eq!(serde_json::to_value(typed).unwrap(), *event);
+    }
     let names: Vec<&str> = events.iter().map(|e| e["event"].as_str().unwrap()).filter(|e| *e != "progress").collect();
     assert_eq!(names, ["status", "status", "step", "step", "step", "warning", "end"]);
     assert_eq!(

@@ -1,12 +1,11 @@
-use std::collections::BTreeMap;
-
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
 use uuid::Uuid;
 
 use crate::http::problem::ProblemDocument;
 use prosopon_contract::{Fault, Findings, WarningDocument};
-use prosopon_jobs::JobStatus;
+use prosopon_jobs::{JobStatus, phase_names};
 use prosopon_store::{JobId, JobKind, JobRecord, JobState};
 
 /// A job and its current state.
@@ -16,17 +15,14 @@ pub struct JobView {
     pub id: Uuid,
     /// Id of the session that the job belongs to.
     pub session: Uuid,
-    /// Kind of job: `import`, `field`, `mesh`, `solve` or `compare`.
+    /// Kind of job.
+    #[schema(schema_with = kinds)]
     pub kind: String,
-    /// Status: `accepted`, `running`, `succeeded`, `failed`, `cancelled` or `interrupted`.
-    ///
-    /// `interrupted` means that the service stopped while the job ran. The job runs again, or fails with the problem
-    /// `job-interrupted` when its attempts are used up.
+    /// Status.
+    #[schema(schema_with = statuses)]
     pub status: String,
     /// Phase of the work.
-    ///
-    /// One of `waiting`, `reading`, `surfaces`, `field`, `cut`, `mesh`, `solve`, `compare`, `writing` and `done`. A failed or
-    /// cancelled job keeps the phase in which it ended.
+    #[schema(schema_with = phases)]
     pub phase: String,
     /// Completed share of the work, 0 to 1.
     pub progress: f64,
@@ -67,8 +63,8 @@ pub struct JobView {
     pub started_at: Option<String>,
     /// When the job ended (RFC 3339).
     pub finished_at: Option<String>,
-    /// Paths by name: `self`, `events`, `cancel` until the job ends, and the results so far.
-    pub links: BTreeMap<String, String>,
+    /// Paths of the job and of its results so far.
+    pub links: JobLinks,
 }
 
 impl JobView {
@@ -97,7 +93,7 @@ impl JobView {
             created_at: record.created_at.clone(),
             started_at: record.started_at.clone(),
             finished_at: record.finished_at.clone(),
-            links: links(record, 0),
+            links: JobLinks::new(record, 0),
         }
     }
 }
@@ -110,7 +106,7 @@ impl From<&JobStatus> for JobView {
             queue_position: status.queue_position,
             residuals: status.residuals.clone(),
             findings: status.findings.clone(),
-            links: links(&status.record, status.steps_done),
+            links: JobLinks::new(&status.record, status.steps_done),
             ..Self::new(&status.record)
         }
     }
@@ -121,40 +117,90 @@ fn findings(stored: &[String]) -> Findings {
     stored.iter().map(|text| WarningDocument::from_row(text)).collect()
 }
 
-fn links(record: &JobRecord, steps_done: u32) -> BTreeMap<String, String> {
-    let own = format!("/v1/jobs/{}", record.id);
-    let mut links = BTreeMap::from([("self".to_owned(), own.clone())]);
-    let mut add = |name: &str, path: String| links.insert(name.to_owned(), path);
-    add("events", format!("{own}/events"));
-    if !record.state.has_ended() {
-        add("cancel", format!("{own}/cancel"));
+/// Paths of a job's results so far.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct JobLinks {
+    /// The job.
+    #[serde(rename = "self")]
+    pub own: String,
+    /// Its events.
+    pub events: String,
+    /// Where a POST cancels it; absent once it has ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cancel: Option<String>,
+    /// Skin of an import.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skin: Option<String>,
+    /// Skull of an import.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skull: Option<String>,
+    /// Distance fields.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field: Option<String>,
+    /// Tissue mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<String>,
+    /// Result of a comparison.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub comparison: Option<String>,
+    /// Triangles of a solve's skin, from its first step on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub topology: Option<String>,
+    /// Skin of the last finished step.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub last_skin: Option<String>,
+    /// Report of a solve.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub report: Option<String>,
+    /// Deformed volume of a solve.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tissue: Option<String>,
+}
+
+impl JobLinks {
+    fn new(record: &JobRecord, steps_done: u32) -> Self {
+        let own = format!("/v1/jobs/{}", record.id);
+        let session = format!("/v1/sessions/{}", record.session);
+        let has_succeeded = record.state == JobState::Succeeded;
+        let once = |known: bool, path: String| known.then_some(path);
+        let of_kind = |kind: JobKind, path: String| once(has_succeeded && record.kind == kind, path);
+        let has_steps = record.kind == JobKind::Solve && steps_done > 0;
+        let has_volume = record.tissue_blob.is_some();
+        Self {
+            events: format!("{own}/events"),
+            cancel: once(!record.state.has_ended(), format!("{own}/cancel")),
+            skin: of_kind(JobKind::Import, format!("{session}/skin")),
+            skull: of_kind(JobKind::Import, format!("{session}/skull")),
+            field: of_kind(JobKind::Field, format!("{session}/field")),
+            mesh: of_kind(JobKind::Mesh, format!("{session}/mesh")),
+            comparison: of_kind(JobKind::Compare, format!("{own}/comparison")).filter(|_| record.rest_blob.is_some()),
+            topology: once(has_steps, format!("{own}/topology")),
+            last_skin: once(has_steps, format!("{own}/steps/{steps_done}/skin")),
+            report: of_kind(JobKind::Solve, format!("{own}/report")),
+            tissue: of_kind(JobKind::Solve, format!("{own}/tissue")).filter(|_| has_volume),
+            own,
+        }
     }
-    let session = format!("/v1/sessions/{}", record.session);
-    match (record.kind, record.state) {
-        (JobKind::Import, JobState::Succeeded) => {
-            add("skin", format!("{session}/skin"));
-            add("skull", format!("{session}/skull"));
-        }
-        (JobKind::Field, JobState::Succeeded) => _ = add("field", format!("{session}/field")),
-        (JobKind::Compare, JobState::Succeeded) if record.rest_blob.is_some() => {
-            _ = add("comparison", format!("{own}/comparison"))
-        }
-        (JobKind::Mesh, JobState::Succeeded) => _ = add("mesh", format!("{session}/mesh")),
-        (JobKind::Solve, state) => {
-            if steps_done > 0 {
-                add("topology", format!("{own}/topology"));
-                add("last_skin", format!("{own}/steps/{steps_done}/skin"));
-            }
-            if state == JobState::Succeeded {
-                add("report", format!("{own}/report"));
-                if record.tissue_blob.is_some() {
-                    add("tissue", format!("{own}/tissue"));
-                }
-            }
-        }
-        _ => {}
-    }
-    links
+}
+
+fn kinds() -> Schema {
+    names(JobKind::ALL.map(JobKind::as_str), "Kind of job.")
+}
+
+pub(super) fn statuses() -> Schema {
+    let description = "Status.\n\n`interrupted` means that the service stopped while the job ran. The job runs again, or fails \
+        with the problem `job-interrupted` when its attempts are used up.";
+    names(JobState::ALL.map(JobState::as_str), description)
+}
+
+pub(super) fn phases() -> Schema {
+    names(phase_names(), "Phase of the work. A failed or cancelled job keeps the phase in which it ended.")
+}
+
+/// The schema of a text that is one of these names.
+fn names(names: impl IntoIterator<Item = &'static str>, description: &str) -> Schema {
+    let text = ObjectBuilder::new().schema_type(Type::String);
+    text.enum_values(Some(names)).description(Some(description)).into()
 }
 
 /// A page of jobs, newest first.

@@ -15,9 +15,12 @@ mod session;
 pub(super) use compare::finite;
 pub use compare::{CompareView, ErrorView};
 pub(super) use event::render_event;
+pub use event::{
+    EndEvent, EndLinks, JobEvent, JobEventLine, NoData, ProgressEvent, ResyncEvent, StatusEvent, StepEvent, StepLinks,
+};
 pub(super) use inputs::import_request;
 pub use inputs::{CtQuery, FieldView, LandmarksQuery, PointQuery, PointValues, SliceAxis, SliceQuery};
-pub use job::{JobList, JobView};
+pub use job::{JobLinks, JobList, JobView};
 pub use material_view::{
     CheckMaterial, Criterion, LawView, LossView, MaterialCheck, MaterialView, MaterialsList, MaterialsQuery,
     ModuliView, PresetView, StableRangeView, TestMode, TestView,

@@ -101,7 +101,7 @@ async fn admit(state: &AppState, method: &Method, route: &str, headers: &HeaderM
 }
 
 /// Whether a route needs no token, because it shows nothing of any tenant.
-fn is_public(route: &str) -> bool {
+pub(in crate::http) fn is_public(route: &str) -> bool {
     ["/livez", "/readyz", "/", "/openapi.json"].contains(&route) || route == "/docs" || route.starts_with("/docs/")
 }
 

@@ -9,7 +9,7 @@ mod security;
 
 pub(super) use catch_errors::catch_errors;
 pub(super) use compression::{compression, mark_compressed};
-pub(super) use guard::guard;
+pub(super) use guard::{guard, is_public};
 pub(super) use hosts::check_host;
 pub(super) use request_span::{request_id, request_span};
 pub(super) use security::{cors, security_headers};

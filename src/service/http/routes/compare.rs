@@ -71,7 +71,7 @@ pub(in crate::http) struct ComparisonQuery {
 /// the result. Otherwise it is 202 with the job, whose link `comparison` leads to the result. `Prefer: wait=N` waits up to N
 /// seconds (at most 60), `Prefer: respond-async` does not wait. A repeated `Idempotency-Key` returns the current state of the
 /// same job.
-#[utoipa::path(post, path = "/v1/compare", tag = "results", request_body = CompareRequest,
+#[utoipa::path(post, path = "/v1/compare", operation_id = "compare", tag = "results", request_body = CompareRequest,
     params(CompareQuery, ("Prefer" = Option<String>, Header)),
     responses((status = 200, description = "The error map.", headers(("Content-Location" = String)), content(
         (CompareView = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "model/gltf-binary"),
@@ -138,7 +138,7 @@ fn named_job(answer: &AnswerRecord) -> Result<JobId, Problem> {
 /// Read the result of a comparison
 ///
 /// Returns the result in the formats of `POST /v1/compare`.
-#[utoipa::path(get, path = "/v1/jobs/{job}/comparison", tag = "results", params(("job" = Uuid, Path), ComparisonQuery),
+#[utoipa::path(get, path = "/v1/jobs/{job}/comparison", operation_id = "getComparison", tag = "results", params(("job" = Uuid, Path), ComparisonQuery),
     responses((status = 200, description = "The error map.", content(
         (CompareView = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "model/gltf-binary"),
         (Vec<u8> = "application/ply"), (Vec<u8> = "application/vnd.vtk.vtp"))),

@@ -22,7 +22,7 @@ pub(in crate::http) struct EmptyBody {}
 /// Set the field settings
 ///
 /// The settings apply to the next build. Fields that were built with other settings become stale.
-#[utoipa::path(put, path = "/v1/sessions/{session}/field/settings", tag = "field", params(("session" = Uuid, Path)),
+#[utoipa::path(put, path = "/v1/sessions/{session}/field/settings", operation_id = "putFieldSettings", tag = "field", params(("session" = Uuid, Path)),
     request_body = FieldSettingsDocument,
     responses((status = 200, description = "All settings, with defaults.", body = FieldSettingsDocument)))]
 pub(in crate::http) async fn put_settings(
@@ -40,7 +40,7 @@ pub(in crate::http) async fn put_settings(
 /// Build the distance fields
 ///
 /// Starts a `field` job that builds the signed distance fields of skin and bone. The session needs skin and skull.
-#[utoipa::path(post, path = "/v1/sessions/{session}/field", tag = "field", params(("session" = Uuid, Path)),
+#[utoipa::path(post, path = "/v1/sessions/{session}/field", operation_id = "buildField", tag = "field", params(("session" = Uuid, Path)),
     request_body(content = Option<EmptyBody>, description = "The body may be absent."),
     responses((status = 202, description = "The job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn build(
@@ -58,7 +58,7 @@ pub(in crate::http) async fn build(
 /// Read the fields' report
 ///
 /// Returns state and settings, and memory, cell count and measured error of the last build.
-#[utoipa::path(get, path = "/v1/sessions/{session}/field", tag = "field", params(("session" = Uuid, Path)),
+#[utoipa::path(get, path = "/v1/sessions/{session}/field", operation_id = "getField", tag = "field", params(("session" = Uuid, Path)),
     responses((status = 200, description = "State and report.", body = FieldView)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
@@ -74,7 +74,7 @@ pub(in crate::http) async fn get(
 /// Draw a slice of a field
 ///
 /// Returns a PNG picture: blue inside, red outside, black at the surface.
-#[utoipa::path(get, path = "/v1/sessions/{session}/field/slice.png", tag = "field",
+#[utoipa::path(get, path = "/v1/sessions/{session}/field/slice.png", operation_id = "getFieldSlice", tag = "field",
     params(("session" = Uuid, Path), SliceQuery),
     responses((status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/png")))]
 pub(in crate::http) async fn slice(
@@ -93,7 +93,7 @@ pub(in crate::http) async fn slice(
 /// Evaluate a field at points
 ///
 /// Returns signed distances, gradients and closest points. The winding number gives the sign.
-#[utoipa::path(post, path = "/v1/sessions/{session}/field/query", tag = "field", params(("session" = Uuid, Path)),
+#[utoipa::path(post, path = "/v1/sessions/{session}/field/query", operation_id = "queryField", tag = "field", params(("session" = Uuid, Path)),
     request_body = PointQuery, responses((status = 200, description = "Values in the order of the points.", body = PointValues)))]
 pub(in crate::http) async fn query(
     State(state): State<AppState>,

@@ -15,7 +15,7 @@ const QUEUE_TOLD: Duration = Duration::from_secs(2);
 ///
 /// Succeeds while a solver is busy. Fails when the scheduler is stuck or when work does not stop in time; restart the process
 /// then. The service resumes its jobs after the restart.
-#[utoipa::path(get, path = "/livez", tag = "health", responses((status = 200, description = "Alive.", body = String)))]
+#[utoipa::path(get, path = "/livez", operation_id = "live", tag = "health", responses((status = 200, description = "Alive.", body = String)))]
 pub(in crate::http) async fn livez(State(state): State<AppState>) -> Result<&'static str, Problem> {
     let stuck = state.service.stuck();
     if stuck.is_empty() {
@@ -29,7 +29,7 @@ pub(in crate::http) async fn livez(State(state): State<AppState>) -> Result<&'st
 ///
 /// Succeeds when the database answers, the bucket accepts this process and the values that its jobs write, and the service is
 /// not stopping. An unreachable bucket does not count: requests that need no bucket are answered, and jobs wait.
-#[utoipa::path(get, path = "/readyz", tag = "health", responses((status = 200, description = "Ready.", body = String)))]
+#[utoipa::path(get, path = "/readyz", operation_id = "ready", tag = "health", responses((status = 200, description = "Ready.", body = String)))]
 pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<&'static str, Problem> {
     if state.service.is_draining() {
         return Err(Problem::new(FaultKind::ShuttingDown, "the service is stopping"));
@@ -44,7 +44,7 @@ pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<&'s
 /// Read the metrics
 ///
 /// Returns Prometheus text. Queue gauges are NaN while the database does not answer.
-#[utoipa::path(get, path = "/metrics", tag = "health",
+#[utoipa::path(get, path = "/metrics", operation_id = "metrics", tag = "health",
     responses((status = 200, description = "The metrics.", body = String, content_type = "text/plain")))]
 pub(in crate::http) async fn metrics(State(state): State<AppState>) -> Response {
     let mut waiting_in_all = 0.0;

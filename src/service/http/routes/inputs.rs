@@ -59,7 +59,7 @@ pub(in crate::http) struct InputQuery {
 /// JPEG 2000). The service stores only the voxels and their lattice, and drops everything that identifies a patient before it
 /// answers. Oblique and sheared (gantry tilt) stacks keep their geometry. Unevenly spaced slices are interpolated up to
 /// `max_step_mm`; larger steps are refused with the list of steps.
-#[utoipa::path(put, path = "/v1/sessions/{session}/ct", tag = "inputs",
+#[utoipa::path(put, path = "/v1/sessions/{session}/ct", operation_id = "putCt", tag = "inputs",
     params(("session" = Uuid, Path), CtQuery),
     request_body(content = Vec<u8>, content_type = "application/octet-stream"),
     responses((status = 202, description = "The import job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
@@ -158,9 +158,9 @@ async fn send_present(
 }
 
 macro_rules! surface_routes {
-    ($get:ident, $put:ident, $kind:expr, $path:literal, $what:literal) => {
+    ($get:ident $get_id:literal, $put:ident $put_id:literal, $kind:expr, $path:literal, $what:literal) => {
         #[doc = concat!("Sends the ", $what, ".")]
-        #[utoipa::path(get, path = $path, tag = "inputs", summary = concat!("Read the ", $what), description = "Returns the surface as it is stored now, or its report.", params(("session" = Uuid, Path), InputQuery),
+        #[utoipa::path(get, path = $path, operation_id = $get_id, tag = "inputs", summary = concat!("Read the ", $what), description = "Returns the surface as it is stored now, or its report.", params(("session" = Uuid, Path), InputQuery),
                             responses((status = 200, description = "The surface or its report.", content(
                                 (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
                                 (SurfaceDocument = "application/json"))), (status = 304, description = "Not modified.")))]
@@ -174,7 +174,7 @@ macro_rules! surface_routes {
         }
 
         #[doc = concat!("Stores the ", $what, ".")]
-        #[utoipa::path(put, path = $path, tag = "inputs", summary = concat!("Upload the ", $what),
+        #[utoipa::path(put, path = $path, operation_id = $put_id, tag = "inputs", summary = concat!("Upload the ", $what),
             description = "A surface in STL, PLY, OBJ or VTP format, LPS mm. It replaces an earlier upload. The service detects the format \
                 from the bytes, else takes it from Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`).", params(("session" = Uuid, Path)),
                             request_body(content = Vec<u8>, content_type = "application/octet-stream"),
@@ -190,6 +190,6 @@ macro_rules! surface_routes {
     };
 }
 
-surface_routes!(get_skin, put_skin, PartKind::Skin, "/v1/sessions/{session}/skin", "skin");
-surface_routes!(get_skull, put_skull, PartKind::Skull, "/v1/sessions/{session}/skull", "skull");
-surface_routes!(get_target, put_target, PartKind::Target, "/v1/sessions/{session}/target", "post-operative skin");
+surface_routes!(get_skin "getSkin", put_skin "putSkin", PartKind::Skin, "/v1/sessions/{session}/skin", "skin");
+surface_routes!(get_skull "getSkull", put_skull "putSkull", PartKind::Skull, "/v1/sessions/{session}/skull", "skull");
+surface_routes!(get_target "getTarget", put_target "putTarget", PartKind::Target, "/v1/sessions/{session}/target", "post-operative skin");

@@ -60,7 +60,7 @@ pub(in crate::http) struct Wait {
 ///
 /// Starts a `solve` job that moves the bone along a plan and streams its steps. The session needs distance fields, or an
 /// uploaded tissue mesh. The job builds a tissue mesh if none matches.
-#[utoipa::path(post, path = "/v1/sessions/{session}/jobs", tag = "jobs", params(("session" = Uuid, Path)),
+#[utoipa::path(post, path = "/v1/sessions/{session}/jobs", operation_id = "solve", tag = "jobs", params(("session" = Uuid, Path)),
     request_body = SolveRequest,
     responses((status = 202, description = "The job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn create(
@@ -219,7 +219,7 @@ async fn check_reference(
 /// List jobs
 ///
 /// Returns one page of jobs, newest first.
-#[utoipa::path(get, path = "/v1/jobs", tag = "jobs", params(Page),
+#[utoipa::path(get, path = "/v1/jobs", operation_id = "listJobs", tag = "jobs", params(Page),
     responses((status = 200, description = "One page.", body = JobList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
@@ -251,7 +251,7 @@ fn next_page(page: &Page, last: JobId, limit: u32) -> String {
 /// Read a job
 ///
 /// Returns status, phase, progress and links to the results so far. With `wait_s` the request is a long poll.
-#[utoipa::path(get, path = "/v1/jobs/{job}", tag = "jobs", params(("job" = Uuid, Path), Wait),
+#[utoipa::path(get, path = "/v1/jobs/{job}", operation_id = "getJob", tag = "jobs", params(("job" = Uuid, Path), Wait),
     responses((status = 200, description = "State of the job.", body = JobView)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
@@ -270,7 +270,7 @@ pub(in crate::http) async fn get(
 ///
 /// A waiting job stops at once, a running job within one Newton iteration. The request is stored before the answer, so the job
 /// cannot succeed afterwards.
-#[utoipa::path(post, path = "/v1/jobs/{job}/cancel", tag = "jobs", params(("job" = Uuid, Path)),
+#[utoipa::path(post, path = "/v1/jobs/{job}/cancel", operation_id = "cancelJob", tag = "jobs", params(("job" = Uuid, Path)),
     responses((status = 202, description = "The job, which will stop.", body = JobView)))]
 pub(in crate::http) async fn cancel(
     State(state): State<AppState>,

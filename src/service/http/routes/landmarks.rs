@@ -13,7 +13,7 @@ use prosopon_store::{PartKind, PartRecord, SessionId};
 ///
 /// Landmarks place osteotomy templates, regions of the face and the boxes in which tissue slides. They replace all landmarks
 /// stored before.
-#[utoipa::path(put, path = "/v1/sessions/{session}/landmarks", tag = "inputs", params(("session" = Uuid, Path)),
+#[utoipa::path(put, path = "/v1/sessions/{session}/landmarks", operation_id = "putLandmarks", tag = "inputs", params(("session" = Uuid, Path)),
     request_body = LandmarksDocument, responses((status = 200, description = "The stored landmarks.", body = LandmarksDocument)))]
 pub(in crate::http) async fn put(
     State(state): State<AppState>,
@@ -32,7 +32,7 @@ pub(in crate::http) async fn put(
 /// With `propose=true` the answer adds proposals for the landmarks of the templates, computed from skin and bone and named in
 /// `proposed`. They are midline points, lingula, buccal point and cheek bone point of each side, the occlusal plane and the Le
 /// Fort I plane. Check them and PUT the correct ones. Proposals need skin and skull.
-#[utoipa::path(get, path = "/v1/sessions/{session}/landmarks", tag = "inputs",
+#[utoipa::path(get, path = "/v1/sessions/{session}/landmarks", operation_id = "getLandmarks", tag = "inputs",
     params(("session" = Uuid, Path), LandmarksQuery),
     responses((status = 200, description = "The landmarks, with proposals on request.", body = LandmarksDocument)))]
 pub(in crate::http) async fn get(

@@ -16,7 +16,7 @@ use prosopon_store::{JobFilter, JobKind, OsteotomyId, PartKind, SessionId};
 /// Build the tissue mesh
 ///
 /// Starts a `mesh` job. The mesh has prisms in the skin layer and tetrahedra inside. The session needs distance fields.
-#[utoipa::path(post, path = "/v1/sessions/{session}/mesh", tag = "mesh", params(("session" = Uuid, Path)),
+#[utoipa::path(post, path = "/v1/sessions/{session}/mesh", operation_id = "buildMesh", tag = "mesh", params(("session" = Uuid, Path)),
     request_body = MeshRequest,
     responses((status = 202, description = "The job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn build(
@@ -42,7 +42,7 @@ pub(in crate::http) async fn build(
 /// Read the tissue mesh's report
 ///
 /// Returns the state and the quality report of the last build.
-#[utoipa::path(get, path = "/v1/sessions/{session}/mesh", tag = "mesh", params(("session" = Uuid, Path)),
+#[utoipa::path(get, path = "/v1/sessions/{session}/mesh", operation_id = "getMesh", tag = "mesh", params(("session" = Uuid, Path)),
     responses((status = 200, description = "State and report.", body = MeshView)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,

@@ -17,7 +17,7 @@ use prosopon_store::{OsteotomyId, OsteotomyRecord, SessionId, decode_mesh};
 /// Cut the bone
 ///
 /// Cuts the bone by planes, polylines, surfaces and templates, in any combination. The session needs skin and skull.
-#[utoipa::path(post, path = "/v1/sessions/{session}/osteotomies", tag = "bone", params(("session" = Uuid, Path)),
+#[utoipa::path(post, path = "/v1/sessions/{session}/osteotomies", operation_id = "createOsteotomy", tag = "bone", params(("session" = Uuid, Path)),
     request_body = CreateOsteotomy,
     responses((status = 201, description = "Cuts and segments.", body = OsteotomyView, headers(("Location" = String)))))]
 pub(in crate::http) async fn create(
@@ -52,7 +52,7 @@ fn of_single(mut fault: Fault) -> Fault {
 /// List osteotomies
 ///
 /// Returns all osteotomies of the session, oldest first.
-#[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies", tag = "bone", params(("session" = Uuid, Path)),
+#[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies", operation_id = "listOsteotomies", tag = "bone", params(("session" = Uuid, Path)),
     responses((status = 200, description = "All osteotomies.", body = OsteotomyList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
@@ -67,7 +67,7 @@ pub(in crate::http) async fn list(
 /// Read an osteotomy
 ///
 /// Returns its cuts, segments and warnings.
-#[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies/{osteotomy}", tag = "bone",
+#[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies/{osteotomy}", operation_id = "getOsteotomy", tag = "bone",
     params(("session" = Uuid, Path), ("osteotomy" = Uuid, Path)),
     responses((status = 200, description = "Cuts and segments.", body = OsteotomyView)))]
 pub(in crate::http) async fn get(
@@ -81,7 +81,7 @@ pub(in crate::http) async fn get(
 /// Delete an osteotomy
 ///
 /// Deletes the osteotomy and its plans. Jobs keep their own copies.
-#[utoipa::path(delete, path = "/v1/sessions/{session}/osteotomies/{osteotomy}", tag = "bone",
+#[utoipa::path(delete, path = "/v1/sessions/{session}/osteotomies/{osteotomy}", operation_id = "deleteOsteotomy", tag = "bone",
     params(("session" = Uuid, Path), ("osteotomy" = Uuid, Path)),
     responses((status = 204, description = "Deleted.")))]
 pub(in crate::http) async fn delete(
@@ -96,7 +96,7 @@ pub(in crate::http) async fn delete(
 /// Read the surface of a segment
 ///
 /// Returns the segment's closed surface at rest, with caps on the cuts.
-#[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies/{osteotomy}/segments/{segment}", tag = "bone",
+#[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies/{osteotomy}/segments/{segment}", operation_id = "getSegment", tag = "bone",
     params(("session" = Uuid, Path), ("osteotomy" = Uuid, Path), ("segment" = u32, Path), FormatQuery),
     responses((status = 200, description = "The surface.", content(
         (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),

@@ -16,7 +16,7 @@ use prosopon_store::{OsteotomyId, PlanId, PlanRecord, SessionId, now_rfc3339};
 ///
 /// Plans rigid paths of the bone segments; screw motions join the waypoints. With an osteotomy, the answer reports overlaps and
 /// gaps of bone along the paths. A plan for an uploaded tissue mesh has no such report.
-#[utoipa::path(post, path = "/v1/sessions/{session}/plans", tag = "bone", params(("session" = Uuid, Path)),
+#[utoipa::path(post, path = "/v1/sessions/{session}/plans", operation_id = "createPlan", tag = "bone", params(("session" = Uuid, Path)),
     request_body = CreatePlan,
     responses((status = 201, description = "The plan.", body = PlanView, headers(("Location" = String)))))]
 pub(in crate::http) async fn create(
@@ -63,7 +63,7 @@ pub(in crate::http) async fn create(
 /// List plans
 ///
 /// Returns all plans of the session, oldest first.
-#[utoipa::path(get, path = "/v1/sessions/{session}/plans", tag = "bone", params(("session" = Uuid, Path)),
+#[utoipa::path(get, path = "/v1/sessions/{session}/plans", operation_id = "listPlans", tag = "bone", params(("session" = Uuid, Path)),
     responses((status = 200, description = "All plans.", body = PlanList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
@@ -78,7 +78,7 @@ pub(in crate::http) async fn list(
 /// Read a plan
 ///
 /// Returns its paths and the report on them.
-#[utoipa::path(get, path = "/v1/sessions/{session}/plans/{plan}", tag = "bone",
+#[utoipa::path(get, path = "/v1/sessions/{session}/plans/{plan}", operation_id = "getPlan", tag = "bone",
     params(("session" = Uuid, Path), ("plan" = Uuid, Path)),
     responses((status = 200, description = "The plan.", body = PlanView)))]
 pub(in crate::http) async fn get(
@@ -92,7 +92,7 @@ pub(in crate::http) async fn get(
 /// Delete a plan
 ///
 /// Deletes the plan. Jobs keep their own copies.
-#[utoipa::path(delete, path = "/v1/sessions/{session}/plans/{plan}", tag = "bone",
+#[utoipa::path(delete, path = "/v1/sessions/{session}/plans/{plan}", operation_id = "deletePlan", tag = "bone",
     params(("session" = Uuid, Path), ("plan" = Uuid, Path)),
     responses((status = 204, description = "Deleted.")))]
 pub(in crate::http) async fn delete(

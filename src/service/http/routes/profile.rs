@@ -14,7 +14,7 @@ use prosopon_store::{JobId, JobKind};
 /// Returns an SVG picture of the skin's line in the midsagittal plane before and after, with the named points of skin, bone and
 /// teeth. The face looks to the left; one millimetre has four pixels along both axes. The report has the same line as numbers
 /// (`clinical.profile`).
-#[utoipa::path(get, path = "/v1/jobs/{job}/profile.svg", tag = "results", params(("job" = Uuid, Path)),
+#[utoipa::path(get, path = "/v1/jobs/{job}/profile.svg", operation_id = "getProfile", tag = "results", params(("job" = Uuid, Path)),
     responses((status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/svg+xml"),
         (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn profile(

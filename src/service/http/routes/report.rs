@@ -36,7 +36,7 @@ pub(in crate::http) struct ReportQuery {
 ///
 /// Returns inputs, plan, parameters, version, residuals, times by phase and warnings, as JSON or as a self-contained page with
 /// pictures.
-#[utoipa::path(get, path = "/v1/jobs/{job}/report", tag = "results", params(("job" = Uuid, Path), ReportQuery),
+#[utoipa::path(get, path = "/v1/jobs/{job}/report", operation_id = "getReport", tag = "results", params(("job" = Uuid, Path), ReportQuery),
     responses((status = 200, description = "The report.", content(
         (ReportDocument = "application/json"), (String = "text/html"))), (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn report(

@@ -132,7 +132,7 @@ async fn find(service: &Service, id: JobId, k: u32) -> Result<(JobRecord, StepRe
 /// Read the triangles of all frames
 ///
 /// Returns three little-endian u32 vertex numbers per triangle, as `api/frames.md` describes.
-#[utoipa::path(get, path = "/v1/jobs/{job}/topology", tag = "results", params(("job" = Uuid, Path)),
+#[utoipa::path(get, path = "/v1/jobs/{job}/topology", operation_id = "getTopology", tag = "results", params(("job" = Uuid, Path)),
     responses((status = 200, description = "The triangles.", body = Vec<u8>, content_type = "application/octet-stream"),
         (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn topology(
@@ -154,7 +154,7 @@ pub(in crate::http) async fn topology(
 ///
 /// Returns the surface with `displacement_mm` of every vertex and, if the step has an error map, `error_mm`. Step 0 is the skin
 /// at rest, without an error.
-#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/skin", tag = "results",
+#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/skin", operation_id = "getStepSkin", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), SkinQuery),
     responses((status = 200, description = "The surface.", content(
         (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
@@ -204,7 +204,7 @@ pub(in crate::http) async fn skin(
 ///
 /// Returns the deformed skin as little-endian f32: positions, then scalars, as `api/frames.md` describes. Step 0 is the skin at
 /// rest.
-#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/frame", tag = "results",
+#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/frame", operation_id = "getStepFrame", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path)),
     responses((status = 200, description = "The frame.", body = Vec<u8>, content_type = "application/octet-stream"),
         (status = 304, description = "Not modified.")))]
@@ -236,7 +236,7 @@ pub(in crate::http) async fn frame(
 ///
 /// Returns a VTU file. Its points are at rest; `displacement_mm` moves them. On points also `attachment`, as it was in the solve, and
 /// on cells `tissue` and `volume_ratio`, with the numbers of an uploaded tissue mesh. Only jobs with the output `tissue` have it.
-#[utoipa::path(get, path = "/v1/jobs/{job}/tissue", tag = "results", params(("job" = Uuid, Path)),
+#[utoipa::path(get, path = "/v1/jobs/{job}/tissue", operation_id = "getDeformedTissue", tag = "results", params(("job" = Uuid, Path)),
     responses((status = 200, description = "The volume.", body = Vec<u8>, content_type = "application/vnd.vtk.vtu"),
         (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn tissue(
@@ -273,7 +273,7 @@ fn error_of(job: &JobRecord, step: &StepRecord) -> Result<ErrorDocument, Problem
 /// Returns statistics, a histogram and the value of every vertex, negative where the prediction lies behind the reference. By
 /// default this is the map that the job stored. `reference` compares with another job and `register` registers first; the
 /// service computes both on demand.
-#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/error", tag = "results",
+#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/error", operation_id = "getStepError", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), ErrorQuery),
     responses((status = 200, description = "The error map.", body = ErrorView), (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn error(
@@ -304,7 +304,7 @@ pub(in crate::http) async fn error(
 ///
 /// Returns one PNG sheet with front, side and three-quarter views in colours from -3 mm (blue) to 3 mm (red), a histogram and
 /// statistics. The patient's left is on the right of the front view.
-#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/error.png", tag = "results",
+#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/error.png", operation_id = "getStepErrorPicture", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), ErrorQuery),
     responses((status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/png"),
         (status = 304, description = "Not modified.")))]
@@ -334,7 +334,7 @@ pub(in crate::http) async fn error_picture(
 ///
 /// Returns a PNG picture of the skin before and after. Colours show the movement in one direction: red forward (or up, or to
 /// the left), blue the opposite.
-#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/picture.png", tag = "results",
+#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/picture.png", operation_id = "getStepPicture", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), PictureQuery),
     responses((status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/png"),
         (status = 304, description = "Not modified.")))]

@@ -32,7 +32,7 @@ pub(in crate::http) struct Page {
 /// Create a session
 ///
 /// A session holds the inputs, osteotomies, plans and jobs of one patient.
-#[utoipa::path(post, path = "/v1/sessions", tag = "sessions", request_body = CreateSession,
+#[utoipa::path(post, path = "/v1/sessions", operation_id = "createSession", tag = "sessions", request_body = CreateSession,
     responses((status = 201, description = "The new session.", body = SessionView, headers(("Location" = String)))))]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
@@ -58,7 +58,7 @@ pub(in crate::http) async fn create(
 /// List sessions
 ///
 /// Returns one page of sessions, newest first.
-#[utoipa::path(get, path = "/v1/sessions", tag = "sessions", params(Page),
+#[utoipa::path(get, path = "/v1/sessions", operation_id = "listSessions", tag = "sessions", params(Page),
     responses((status = 200, description = "One page.", body = SessionList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
@@ -76,7 +76,7 @@ pub(in crate::http) async fn list(
 /// Read a session
 ///
 /// Returns the state of every part, and the session's osteotomies, plans and jobs.
-#[utoipa::path(get, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path)),
+#[utoipa::path(get, path = "/v1/sessions/{session}", operation_id = "getSession", tag = "sessions", params(("session" = Uuid, Path)),
     responses((status = 200, description = "The session.", body = SessionView)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
@@ -109,7 +109,7 @@ pub(in crate::http) struct Deletion {
 ///
 /// `POST …/restore` restores it within one day, or within the time that the service's setting `deleted_retention_s` gives.
 /// After that time it is deleted permanently. `at_once=true` deletes it permanently at once, even if it was deleted before.
-#[utoipa::path(delete, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path), Deletion),
+#[utoipa::path(delete, path = "/v1/sessions/{session}", operation_id = "deleteSession", tag = "sessions", params(("session" = Uuid, Path), Deletion),
     responses((status = 204, description = "Deleted.")))]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,
@@ -133,7 +133,7 @@ pub(in crate::http) async fn delete(
 ///
 /// Restores a deleted session with everything in it, within one day of the deletion or the time that the service's setting
 /// `deleted_retention_s` gives. Jobs that the deletion cancelled stay cancelled.
-#[utoipa::path(post, path = "/v1/sessions/{session}/restore", tag = "sessions", params(("session" = Uuid, Path)),
+#[utoipa::path(post, path = "/v1/sessions/{session}/restore", operation_id = "restoreSession", tag = "sessions", params(("session" = Uuid, Path)),
     responses((status = 200, description = "The session.", body = SessionView)))]
 pub(in crate::http) async fn restore(
     State(state): State<AppState>,

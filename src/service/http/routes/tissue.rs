@@ -25,7 +25,7 @@ use prosopon_store::{PartKind, SessionId};
 /// The cell array `tissue` is required: 0 skin, 1 muscle, 2 fat, 3 mucosa, 4 cartilage. The point arrays are optional: `attachment` (-1
 /// free, 0 skull, k segment k, -2 sliding, -3 - k gliding on segment k), `fixed_mask` (axes along which a point is held: bits x 1, y 2, z 4),
 /// `prescribed_mm` (displacement along these axes, three components, mm), `force_n` (dead load, N).
-#[utoipa::path(put, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path)),
+#[utoipa::path(put, path = "/v1/sessions/{session}/tissue", operation_id = "putTissue", tag = "inputs", params(("session" = Uuid, Path)),
     request_body(content((Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"))),
     responses((status = 200, description = "Report of the mesh.", body = TissueDocument)))]
 pub(in crate::http) async fn put_tissue(
@@ -64,7 +64,7 @@ pub(in crate::http) struct TissueQuery {
 /// Read the uploaded tissue mesh
 ///
 /// Returns the file as uploaded, or its report.
-#[utoipa::path(get, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path), TissueQuery),
+#[utoipa::path(get, path = "/v1/sessions/{session}/tissue", operation_id = "getTissue", tag = "inputs", params(("session" = Uuid, Path), TissueQuery),
     responses((status = 200, description = "The mesh or its report.", content(
         (Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"), (TissueDocument = "application/json"))), (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn get_tissue(
@@ -87,7 +87,7 @@ pub(in crate::http) async fn get_tissue(
 /// Remove the uploaded tissue mesh
 ///
 /// Solves of the session then use the mesh that the service builds.
-#[utoipa::path(delete, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path)),
+#[utoipa::path(delete, path = "/v1/sessions/{session}/tissue", operation_id = "deleteTissue", tag = "inputs", params(("session" = Uuid, Path)),
     responses((status = 204, description = "Removed.")))]
 pub(in crate::http) async fn delete_tissue(
     State(state): State<AppState>,
@@ -111,7 +111,7 @@ fn bone_kind(segment: u32) -> Result<PartKind, Problem> {
 ///
 /// A surface in STL, PLY, OBJ or VTP format, LPS mm, at rest, for segment 0 (fixed) to 9. Points of the uploaded tissue mesh
 /// with `attachment` -2 slide on these bones.
-#[utoipa::path(put, path = "/v1/sessions/{session}/bones/{segment}", tag = "inputs",
+#[utoipa::path(put, path = "/v1/sessions/{session}/bones/{segment}", operation_id = "putBone", tag = "inputs",
     params(("session" = Uuid, Path), ("segment" = u32, Path)),
     request_body(content = Vec<u8>, content_type = "application/octet-stream"),
     responses((status = 200, description = "Report of the surface.", body = SurfaceDocument)))]
@@ -127,7 +127,7 @@ pub(in crate::http) async fn put_bone(
 /// Read the rigid bone of a segment
 ///
 /// Returns the surface that was uploaded for the tissue mesh, or its report.
-#[utoipa::path(get, path = "/v1/sessions/{session}/bones/{segment}", tag = "inputs",
+#[utoipa::path(get, path = "/v1/sessions/{session}/bones/{segment}", operation_id = "getBone", tag = "inputs",
     params(("session" = Uuid, Path), ("segment" = u32, Path), InputQuery),
     responses((status = 200, description = "The surface or its report.", content(
         (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
@@ -144,7 +144,7 @@ pub(in crate::http) async fn get_bone(
 /// Remove the rigid bone of a segment
 ///
 /// Deletes the bone that was uploaded for the tissue mesh.
-#[utoipa::path(delete, path = "/v1/sessions/{session}/bones/{segment}", tag = "inputs",
+#[utoipa::path(delete, path = "/v1/sessions/{session}/bones/{segment}", operation_id = "deleteBone", tag = "inputs",
     params(("session" = Uuid, Path), ("segment" = u32, Path)),
     responses((status = 204, description = "Removed.")))]
 pub(in crate::http) async fn delete_bone(

@@ -1,0 +1,15 @@
+export { Client } from "./client.ts";
+export type { CtOptions, LandmarkOptions, SurfacePart } from "./client.ts";
+export { hasEnded } from "./events.ts";
+export type { EndData, Finding, JobEvent, JobView, StepData } from "./events.ts";
+export { followJob } from "./follow.ts";
+export type { FollowOptions } from "./follow.ts";
+export { decodeFrame, decodeTopology } from "./frame.ts";
+export type { Frame } from "./frame.ts";
+export type { components, paths } from "./openapi.ts";
+export { Problem, Unreachable } from "./problem.ts";
+export type { ProblemDocument, ProblemField } from "./problem.ts";
+export { Transport } from "./transport.ts";
+export type { ClientOptions } from "./transport.ts";
+export { upload } from "./upload.ts";
+export type { UploadOptions } from "./upload.ts";

@@ -1,0 +1,99 @@
+import type { App } from "./app.ts";
+import { motionOfPath, pathRequest, restMotion } from "../model/motion.ts";
+import type { Motion, Point } from "../model/motion.ts";
+import type { Cut, OsteotomyView, PlanView, Schemas } from "../model/state.ts";
+import { parsePly } from "./surfaces.ts";
+
+/** Opacity of the skin at which new segments are seen behind it. */
+const SEE_THROUGH = 0.35;
+
+/** Lists the osteotomies of the open session and shows the newest. */
+export async function openCuts(app: App): Promise<void> {
+  const { session } = app.state;
+  if (!session || session.osteotomies.length === 0) return;
+  const { signal } = app;
+  await app.attempt("Load the osteotomies", async () => {
+    const [osteotomies, plans] = await Promise.all([app.client.osteotomies(session.id), app.client.plans(session.id)]);
+    signal.throwIfAborted();
+    app.set({ osteotomies: newestFirst(osteotomies) });
+    const newest = app.state.osteotomies[0];
+    if (newest) await showCut(app, newest, newestFirst(plans).find((plan) => plan.osteotomy === newest.id));
+  });
+}
+
+/** Cuts the bone by a template, whose landmarks are those of the session. */
+export async function cutByTemplate(app: App, names: Schemas["TemplateName"][], kerfMm: number): Promise<void> {
+  const { session } = app.state;
+  if (!session) return;
+  await app.attempt("Cut the bone", async () => {
+    const templates = names.map((name) => (kerfMm > 0 ? { name, kerf_mm: kerfMm } : { name }));
+    const view = await app.client.createOsteotomy(session.id, { templates });
+    app.set({ osteotomies: [view, ...app.state.osteotomies] });
+    await showCut(app, view);
+    if (app.state.display.skinOpacity === 1) app.display({ skinOpacity: SEE_THROUGH });
+  });
+}
+
+/** Shows an osteotomy: loads its segments, with the motions at rest or those of a plan. */
+export async function showCut(app: App, view: OsteotomyView, plan?: PlanView): Promise<void> {
+  const { session, signal } = { session: app.state.session, signal: app.signal };
+  if (!session) return;
+  const loaded = await Promise.all(
+    view.segments.map(async ({ id }) => [id, parsePly(await app.client.segmentPly(session.id, view.id, id, signal))] as const),
+  );
+  signal.throwIfAborted();
+  hideCut(app);
+  const moving = view.segments.filter(({ id }) => id !== 0);
+  const motions = new Map(moving.map(({ id, centroid_mm }) => {
+    const path = plan?.paths.find(({ segment }) => segment === id);
+    return [id, path ? motionOfPath(path, centroid_mm as Point) : restMotion(centroid_mm as Point)];
+  }));
+  const cut: Cut = { view, surfaces: new Map(loaded), motions, plan, selected: moving[0]?.id ?? 0 };
+  app.set({ cut });
+}
+
+/** Shows the skull in one piece. */
+export function hideCut(app: App): void {
+  for (const geometry of app.state.cut?.surfaces.values() ?? []) geometry.dispose();
+  app.set({ cut: undefined, display: { ...app.state.display, gizmo: "off" } });
+}
+
+export async function deleteCut(app: App, id: string): Promise<void> {
+  const { session } = app.state;
+  if (!session) return;
+  await app.attempt("Delete the osteotomy", async () => {
+    await app.client.deleteOsteotomy(session.id, id);
+    if (app.state.cut?.view.id === id) hideCut(app);
+    app.set({ osteotomies: app.state.osteotomies.filter((view) => view.id !== id) });
+  });
+}
+
+export function selectSegment(app: App, segment: number): void {
+  const { cut } = app.state;
+  if (cut) app.set({ cut: { ...cut, selected: segment } });
+}
+
+/** Changes the motion of a segment; the plan made before no longer holds. */
+export function setMotion(app: App, segment: number, motion: Motion): void {
+  const { cut } = app.state;
+  if (!cut) return;
+  app.set({ cut: { ...cut, motions: new Map(cut.motions).set(segment, motion), plan: undefined } });
+}
+
+/** The plan of the shown motions: the one that exists, or a new one. */
+export async function planMotions(app: App): Promise<PlanView> {
+  const { session, cut } = app.state;
+  if (!session || !cut) throw new Error("Cut the bone before planning its movement.");
+  if (cut.plan) return cut.plan;
+  const paths = [...cut.motions].map(([segment, motion]) => pathRequest(segment, motion)).filter((path) => path !== undefined);
+  if (paths.length === 0) throw new Error("No segment moves. Give at least one segment a movement.");
+  const plan = await app.client.createPlan(session.id, { osteotomy: cut.view.id, paths });
+  const shown = app.state.cut;
+  // A change while the service planned makes this plan outdated.
+  if (shown?.view.id === cut.view.id && shown.motions === cut.motions) app.set({ cut: { ...shown, plan } });
+  return plan;
+}
+
+function newestFirst<T extends { created_at: string }>(views: readonly T[]): T[] {
+  return views.toSorted((a, b) => b.created_at.localeCompare(a.created_at));
+}

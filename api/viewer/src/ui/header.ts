@@ -1,0 +1,65 @@
+import { html, nothing } from "lit-html";
+import type { TemplateResult } from "lit-html";
+import { hasEnded } from "@prosopon/client";
+import type { JobView } from "@prosopon/client";
+import type { App } from "../actions/app.ts";
+import { JOB_NAMES } from "../actions/jobs.ts";
+import { listSessions } from "../actions/sessions.ts";
+import type { Theme } from "../model/state.ts";
+import { remaining, words } from "./format.ts";
+
+const THEMES: Theme[] = ["auto", "light", "dark"];
+
+/** Title, what the page waits for, colours, and the token. */
+export function header(app: App): TemplateResult {
+  const { session, theme } = app.state;
+  return html`<header class="top">
+    <h1>Prosopon</h1>
+    <p class="case">${session ? (session.label ?? "Session without a label") : nothing}</p>
+    ${waiting(app)}
+    <label class="compact">
+      Colours
+      <select @change=${(event: Event) => setTheme(app, (event.target as HTMLSelectElement).value as Theme)}>
+        ${THEMES.map((name) => html`<option value=${name} ?selected=${name === theme}>${name}</option>`)}
+      </select>
+    </label>
+    ${tokenField(app)}
+  </header>`;
+}
+
+/** What the page waits for: a running job with its phase, or a request. */
+function waiting(app: App): TemplateResult {
+  const { busy, interrupted, jobs } = app.state;
+  const running = jobs.find((job) => !hasEnded(job.status));
+  if (interrupted) return html`<p class="waiting" role="status">The service does not answer. Trying again…</p>`;
+  if (running) return jobProgress(running);
+  return html`<p class="waiting" role="status">${busy.length > 0 ? `${busy.at(-1)}…` : ""}</p>`;
+}
+
+function jobProgress(job: JobView): TemplateResult {
+  const name = JOB_NAMES[job.kind] ?? words(job.kind);
+  const phase = job.phase === job.kind ? "" : `, ${words(job.phase).toLowerCase()}`;
+  return html`<p class="waiting">${name}${phase} <progress max="1" value=${job.progress} aria-label="Progress of ${name}"></progress> ${remaining(job.eta_s)}</p>`;
+}
+
+function tokenField(app: App): TemplateResult {
+  return html`<form class="compact" @submit=${(event: Event) => takeToken(app, event)}>
+    <label>
+      Token
+      <input name="token" type="password" autocomplete="off" size="10" placeholder="none" title="Bearer token. It is kept until the page closes." />
+    </label>
+    <button>Use</button>
+  </form>`;
+}
+
+function takeToken(app: App, event: Event): void {
+  event.preventDefault();
+  const data = new FormData(event.target as HTMLFormElement);
+  app.set({ token: String(data.get("token") ?? "").trim(), problems: [] });
+  void listSessions(app);
+}
+
+function setTheme(app: App, theme: Theme): void {
+  app.set({ theme });
+  document.documentElement.dataset["theme"] = theme;
+}

@@ -1,0 +1,95 @@
+import { html, nothing } from "lit-html";
+import type { TemplateResult } from "lit-html";
+import { hasEnded } from "@prosopon/client";
+import type { JobView } from "@prosopon/client";
+import type { App } from "../actions/app.ts";
+import { cancelJob, JOB_NAMES, showSolve } from "../actions/jobs.ts";
+import { openReport, predict } from "../actions/solve.ts";
+import type { SolveForm } from "../model/state.ts";
+import { findingList } from "./findings.ts";
+import { remaining, stateMark, when, words } from "./format.ts";
+import { panel, valueOf } from "./panel.ts";
+
+const MODELS: [string, string][] = [
+  ["", "default"],
+  ["nonlinear", "nonlinear"],
+  ["mixed", "mixed"],
+  ["mass_tensor", "mass tensor"],
+  ["linear", "linear"],
+];
+
+/** Settings of the next solve. */
+export function predictionPanel(app: App): TemplateResult {
+  const { solve, cut, busy } = app.state;
+  const set = (patch: Partial<SolveForm>) => app.set({ solve: { ...app.state.solve, ...patch } });
+  const body = html`
+    <div class="fields">
+      <label>Steps<input name="steps" type="number" min="1" step="1" placeholder="default" .value=${solve.steps} @change=${(event: Event) => set({ steps: valueOf(event) })} /></label>
+      <label>Edge length, mm<input name="edge" type="number" min="1" step="0.5" placeholder="default" .value=${solve.edgeMm} @change=${(event: Event) => set({ edgeMm: valueOf(event) })} /></label>
+      <label>Model
+        <select @change=${(event: Event) => set({ model: valueOf(event) })}>
+          ${MODELS.map(([name, label]) => html`<option value=${name} ?selected=${name === solve.model}>${label}</option>`)}
+        </select>
+      </label>
+    </div>
+    ${referenceField(app, set)}
+    <button class="primary" ?disabled=${!cut || busy.includes("Predict")} @click=${() => predict(app)}>Predict the face</button>
+    <p class="note">Builds the distance field, the plan and the tissue mesh where they are missing. Not a medical device.</p>
+  `;
+  return panel("prediction", "Prediction", body);
+}
+
+function referenceField(app: App, set: (patch: Partial<SolveForm>) => void): TemplateResult | typeof nothing {
+  const solves = app.state.jobs.filter((job) => job.kind === "solve" && job.status === "succeeded");
+  if (solves.length === 0) return nothing;
+  return html`<label>Signed error against
+    <select @change=${(event: Event) => set({ referenceJob: valueOf(event) })}>
+      <option value="">the target, if there is one</option>
+      ${solves.map((job) => html`<option value=${job.id} ?selected=${job.id === app.state.solve.referenceJob}>the prediction of ${when(job.created_at)}</option>`)}
+    </select>
+  </label>`;
+}
+
+/** Jobs of the session with progress, warnings and results. */
+export function jobsPanel(app: App): TemplateResult {
+  const { jobs } = app.state;
+  const running = jobs.filter((job) => !hasEnded(job.status)).length;
+  const body = jobs.length === 0
+    ? html`<p class="note">No jobs yet.</p>`
+    : html`<ul class="list jobs">${jobs.map((job) => row(app, job))}</ul>`;
+  return panel("jobs", "Jobs", body, { open: true, note: running > 0 ? `${running} running` : "" });
+}
+
+function row(app: App, job: JobView): TemplateResult {
+  const shown = app.state.prediction?.job === job.id;
+  const name = JOB_NAMES[job.kind] ?? words(job.kind);
+  return html`<li class="job ${shown ? "chosen" : ""}">
+    <div class="row">
+      <strong class="grow">${name}</strong>
+      ${hasEnded(job.status) ? stateMark(job.status) : html`<button @click=${() => cancelJob(app, job.id)}>Cancel</button>`}
+    </div>
+    ${hasEnded(job.status) ? nothing : progress(job, name)}
+    ${job.problem ? html`<p class="refused">${job.problem.title}: ${job.problem.detail}</p>` : nothing}
+    ${findingList(job.warnings ?? [])}
+    ${job.kind === "solve" ? results(app, job, shown) : nothing}
+  </li>`;
+}
+
+function progress(job: JobView, name: string): TemplateResult {
+  const queue = job.queue_position ? `, ${job.queue_position} before it` : "";
+  const steps = job.kind === "solve" && job.steps > 0 ? ` · step ${job.step} of ${job.steps}` : "";
+  return html`<progress max="1" value=${job.progress} aria-label="Progress of ${name}"></progress>
+    <span class="note">${words(job.phase)}${queue}${steps} ${remaining(job.eta_s)}</span>`;
+}
+
+function results(app: App, job: JobView, shown: boolean): TemplateResult | typeof nothing {
+  if (job.step === 0 && hasEnded(job.status)) return nothing;
+  const report = app.state.token
+    ? html`<button @click=${() => openReport(app, job.id)}>Report</button>`
+    : html`<a class="button" href=${app.client.reportUrl(job.id)} target="_blank" rel="noopener">Report</a>`;
+  return html`<div class="row">
+    <button aria-pressed=${shown ? "true" : "false"} ?disabled=${shown} @click=${() => showSolve(app, job)}>${shown ? "Shown" : "Show"}</button>
+    ${job.status === "succeeded" ? report : nothing}
+    <span class="note">${when(job.created_at)}</span>
+  </div>`;
+}

@@ -1,5 +1,8 @@
 # Built from the lock file; the image holds the one binary.
 FROM rust:1-bookworm AS builder
+# The build makes the viewer with npm.
+COPY --from=node:20-bookworm-slim /usr/local/bin /usr/local/bin
+COPY --from=node:20-bookworm-slim /usr/local/lib/node_modules /usr/local/lib/node_modules
 WORKDIR /build
 COPY . .
 RUN --mount=type=cache,target=/usr/local/cargo/registry \

@@ -168,7 +168,7 @@ impl Fault {
     #[must_use]
     pub fn invalid(errors: Vec<FieldFault>) -> Self {
         let detail = match errors.as_slice() {
-            [one] => one.detail.clone(),
+            [one] => format!("{} {}", one.pointer, one.detail).trim_start().to_owned(),
             many => format!("{} values are not allowed", many.len()),
         };
         Self { errors, ..Self::new(FaultKind::InvalidRequest, detail) }

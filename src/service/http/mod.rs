@@ -36,7 +36,7 @@ pub fn app(state: AppState) -> Router {
     let (plain, uploads) = routes::all();
     let plain = plain.split_for_parts().0.layer(DefaultBodyLimit::max(state.limits.max_json_bytes));
     let uploads = uploads.split_for_parts().0.layer(DefaultBodyLimit::disable());
-    let api = plain.merge(uploads).with_state(state.clone());
+    let api = plain.merge(uploads).merge(routes::viewer_files()).with_state(state.clone());
     with_bounds(api.merge(SwaggerUi::new("/docs").url("/openapi.json", openapi())), state)
 }
 

@@ -1,20 +1,38 @@
 use crate::support::app::TestApp;
 
+/// With the viewer where the build had npm, else with links to the documentation and how to get the viewer.
 #[tokio::test]
-async fn the_start_page_links_to_the_documentation() {
+async fn the_start_page_is_the_viewer_or_says_how_to_get_it() {
     let app = TestApp::new().await;
     let page = app.get("/").await;
     assert!(page.header("content-type").starts_with("text/html"));
-    assert!(String::from_utf8(page.body.to_vec()).unwrap().contains("/docs/"));
+    let text = String::from_utf8(page.body.to_vec()).unwrap();
+    if text.contains("id=\"app\"") {
+        let policy = page.header("content-security-policy");
+        assert!(policy.contains("script-src 'self';") && !policy.contains("unsafe"), "{policy}");
+    } else {
+        assert!(text.contains("/docs/") && text.contains("Node.js"), "{text}");
+    }
 }
 
 #[tokio::test]
 async fn every_link_of_the_start_page_is_answered() {
     let app = TestApp::new().await;
     let page = String::from_utf8(app.get("/").await.body.to_vec()).unwrap();
-    let links: Vec<&str> = page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
-    assert!(links.contains(&"/v1/sessions"), "{links:?}");
+    let links = ["href=\"", "src=\""].iter().flat_map(|kind| page.split(kind).skip(1));
+    let links: Vec<&str> = links.map(|rest| rest.split('"').next().unwrap()).collect();
+    assert!(links.len() >= 3, "{links:?}");
     for link in links {
-        assert!(app.get(link).await.status.is_success(), "{link}");
+        let answer = app.get(link.trim_start_matches('.')).await;
+        assert!(answer.status.is_success(), "{link}");
+        let kind = answer.header("content-type");
+        let expected = match link.rsplit('.').next() {
+            Some("js") => "text/javascript",
+            Some("css") => "text/css",
+            Some("svg") => "image/svg+xml",
+            _ => "",
+        };
+        assert!(kind.starts_with(expected), "{link}: {kind}");
     }
+    app.get("/assets/none.js").await.problem(404, "not-found");
 }

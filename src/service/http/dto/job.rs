@@ -15,6 +15,9 @@ pub struct JobView {
     pub id: Uuid,
     /// Id of the session that the job belongs to.
     pub session: Uuid,
+    /// Id of the plan that a solve follows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plan: Option<Uuid>,
     /// Kind of job.
     #[schema(schema_with = kinds)]
     pub kind: String,
@@ -74,6 +77,7 @@ impl JobView {
         Self {
             id: record.id.uuid(),
             session: record.session.uuid(),
+            plan: record.subject.as_deref().filter(|_| record.kind == JobKind::Solve).and_then(|id| id.parse().ok()),
             kind: record.kind.as_str().to_owned(),
             status: record.state.as_str().to_owned(),
             phase: record.phase.clone(),

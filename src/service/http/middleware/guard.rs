@@ -102,7 +102,8 @@ async fn admit(state: &AppState, method: &Method, route: &str, headers: &HeaderM
 
 /// Whether a route needs no token, because it shows nothing of any tenant.
 pub(in crate::http) fn is_public(route: &str) -> bool {
-    ["/livez", "/readyz", "/", "/openapi.json"].contains(&route) || route == "/docs" || route.starts_with("/docs/")
+    ["/livez", "/readyz", "/", "/assets/{name}", "/icon.svg", "/openapi.json", "/docs"].contains(&route)
+        || route.starts_with("/docs/")
 }
 
 /// The scope that a route needs. An unknown path needs a token, but no scope.

@@ -63,6 +63,7 @@ pub(in crate::http) fn cors(origins: &[String]) -> CorsLayer {
             header::LOCATION,
             header::RETRY_AFTER,
             header("idempotency-replayed"),
+            header("prosopon-scalars"),
             header("x-request-id"),
         ])
         .max_age(std::time::Duration::from_secs(600))

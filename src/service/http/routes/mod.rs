@@ -36,6 +36,7 @@ mod step_surface;
 mod tissue;
 mod warm_start;
 
+use axum::routing::get;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -44,6 +45,11 @@ use super::AppState;
 /// Routes for monitoring a process.
 pub(super) fn health() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(health::livez)).routes(routes!(health::readyz)).routes(routes!(health::metrics))
+}
+
+/// Files of the viewer, which the OpenAPI document does not list.
+pub(super) fn viewer_files() -> axum::Router<AppState> {
+    axum::Router::new().route("/assets/{name}", get(page::viewer_file)).route("/icon.svg", get(page::viewer_icon))
 }
 
 /// All routes with their descriptions: first those with the JSON body limit, then the uploads.

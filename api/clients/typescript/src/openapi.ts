@@ -12,8 +12,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Show the start page
-         * @description Returns a page that describes the service and links to the documentation.
+         * Show the viewer
+         * @description Returns the page of the viewer. A program that was built without npm has none: then this page says how to get it.
          */
         get: operations["home"];
         put?: never;
@@ -1765,6 +1765,11 @@ export interface components {
              * @enum {string}
              */
             phase: "waiting" | "reading" | "surfaces" | "field" | "cut" | "mesh" | "solve" | "estimate" | "compare" | "writing" | "done";
+            /**
+             * Format: uuid
+             * @description Id of the plan that a solve follows.
+             */
+            plan?: string | null;
             problem?: components["schemas"]["ProblemDocument"] | null;
             /**
              * Format: double

@@ -17,9 +17,9 @@ fn main() -> Result<()> {
     let embedded = out.join("viewer");
     empty(&embedded)?;
     for folder in FOLDERS {
+        empty(&out.join(folder))?;
         copy(&root.join(folder), &out.join(folder))?;
     }
-    println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-env-changed=PATH");
     let built = built(&out.join(FOLDERS[0]));
     match built.and_then(|folder| copy(&folder, &embedded)) {

@@ -11,7 +11,7 @@ const CHROMIUM_ARGS = [
 ];
 
 /** Folder with `skin.stl`, `skull.stl` and `landmarks.json`, as `prosopon demo` writes it. */
-const PHANTOM = process.env["VIEWER_PHANTOM"] ?? "../../prosopon-demo/phantom";
+export const PHANTOM = process.env["VIEWER_PHANTOM"] ?? "../../prosopon-demo/phantom";
 const SHOTS = process.env["VIEWER_SHOTS"] ?? "shots";
 
 const AXE = readFileSync(new URL("../node_modules/axe-core/axe.min.js", import.meta.url), "utf8");
@@ -73,6 +73,27 @@ export class Viewer {
       const serious = violations.filter(({ impact }) => impact === "serious" || impact === "critical");
       return serious.flatMap(({ id, nodes }) => nodes.map(({ html }) => `${id}: ${html.slice(0, 160)}`));
     });
+  }
+
+  async openSession(id: string): Promise<void> {
+    await this.page.goto(`${this.url}#session=${id}`);
+    // A change of the fragment alone does not load the page.
+    await this.page.reload();
+  }
+
+  /** Row of a job in the list. */
+  job(id: string): Locator {
+    return this.page.locator(`.job[data-job="${id}"]`);
+  }
+
+  /** Row of a job, once its prediction is shown. */
+  shownJob(id: string): Locator {
+    return this.page.locator(`.job.chosen[data-job="${id}"]`);
+  }
+
+  /** Numbers of the movement panel. */
+  async movement(): Promise<{ forward: string; down: string }> {
+    return { forward: await this.page.getByLabel("Forward, mm").inputValue(), down: await this.page.getByLabel("Down, mm").inputValue() };
   }
 
   slider(name: string): Locator {

@@ -147,7 +147,7 @@ const ELEMENTS: [Elements; 2] = [
 const EDGES_MM: [f64; 4] = [7.0, 5.5, 4.5, 3.7];
 /// A further solve is worth its time when its error is at most this share of the one before.
 const WORTHWHILE: f64 = 0.8;
-/// Error that 95 % of the study's scenes did not exceed, in units of the expected one, once a solve of the scene was estimated.
+/// Margin on the expected error once a solve of the scene was estimated: assumed. `prosopon bench budget` prints what it should be.
 const SPREAD_ONCE_ESTIMATED: f64 = 1.5;
 /// How far the time of a known mesh may change what is expected of this machine.
 const MACHINE: [f64; 2] = [0.5, 2.0];

@@ -175,7 +175,12 @@ export class Client {
     return decodeFrame(await answer.arrayBuffer(), vertices);
   }
 
-  /** Reads the report of a job as a page. */
+  /** Reads the report of a solve. */
+  report(job: string, signal?: AbortSignal): Promise<Schemas["ReportDocument"]> {
+    return this.transport.call("get", "/v1/jobs/{job}/report", { path: { job }, query: { format: "json" }, signal });
+  }
+
+  /** Reads the report of a solve as a page. */
   async reportHtml(job: string): Promise<string> {
     return (await this.transport.read("/v1/jobs/{job}/report", { path: { job }, query: { format: "html" } })).text();
   }

@@ -1,41 +1,17 @@
 import type { components } from "./openapi.ts";
-import type { ProblemDocument } from "./problem.ts";
 
 type Schemas = components["schemas"];
 
-/** A job and its current state; `continued_by` names the job that continues it with a better setting. */
-export type JobView = Schemas["JobView"] & { continued_by?: string | null };
+/** A job and its current state. */
+export type JobView = Schemas["JobView"];
 
 /** A finding of the service. */
 export type Finding = Schemas["WarningDocument"];
 
-/** Data of the event `step`: the step's statistics and the links to its results. */
-export type StepData = Schemas["StepDocument"] & {
-  /** Number of steps of the job. */
-  steps: number;
-  /** `error` is present when the step has an error map. */
-  links: { skin: string; frame: string; error?: string };
-};
+/** An event of a job with its number; heartbeats are left out. */
+export type JobEvent = Exclude<Schemas["JobEventLine"], { event: "heartbeat" }>;
 
-/** Data of the event `end`. */
-export interface EndData {
-  status: string;
-  problem?: ProblemDocument | null;
-  links?: Record<string, string>;
-  /** Id of the job that continues this one, if one does. */
-  continued_by?: string | null;
-}
-
-/** An event of a job. */
-export type JobEvent =
-  | { event: "status"; id: number; data: { status: string; attempt: number } }
-  | { event: "progress"; id: number; data: { phase: string; progress: number; eta_s: number | null } }
-  | { event: "step"; id: number; data: StepData }
-  | { event: "warning"; id: number; data: Finding }
-  | { event: "resync"; id: number; data: { links: Record<string, string> } }
-  | { event: "end"; id: number; data: EndData };
-
-const KNOWN: readonly string[] = ["status", "progress", "step", "warning", "resync", "end"];
+const KNOWN: readonly string[] = ["status", "progress", "step", "warning", "resync", "end"] satisfies JobEvent["event"][];
 
 /** The event of a line; `undefined` for heartbeats and events of later versions. */
 export function jobEvent(line: unknown): JobEvent | undefined {
@@ -44,6 +20,6 @@ export function jobEvent(line: unknown): JobEvent | undefined {
 }
 
 /** Whether a job has ended. */
-export function hasEnded(status: string): boolean {
+export function hasEnded(status: JobView["status"]): boolean {
   return status === "succeeded" || status === "failed" || status === "cancelled";
 }

@@ -85,7 +85,7 @@ async function* connection(transport: Transport, job: string, last: number, sign
 
 /** The end of a job whose events were all sent. */
 async function endOf(transport: Transport, job: string, last: number): Promise<JobEvent> {
-  const view: { status: string; problem?: unknown } = await transport.call("get", "/v1/jobs/{job}", { path: { job } });
+  const view = await transport.call("get", "/v1/jobs/{job}", { path: { job } });
   if (!hasEnded(view.status)) throw new BrokenStream();
-  return { event: "end", id: last, data: view as Extract<JobEvent, { event: "end" }>["data"] };
+  return { event: "end", id: last, data: view };
 }

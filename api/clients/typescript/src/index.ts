@@ -1,7 +1,7 @@
 export { Client } from "./client.ts";
 export type { CtOptions, LandmarkOptions, SurfacePart } from "./client.ts";
 export { hasEnded } from "./events.ts";
-export type { EndData, Finding, JobEvent, JobView, StepData } from "./events.ts";
+export type { Finding, JobEvent, JobView } from "./events.ts";
 export { followJob } from "./follow.ts";
 export type { FollowOptions } from "./follow.ts";
 export { decodeFrame, decodeTopology } from "./frame.ts";

@@ -1,4 +1,6 @@
+import type { JobView } from "@prosopon/client";
 import type { App } from "./app.ts";
+import { newestSolve, planFor } from "../model/jobs.ts";
 import { motionOfPath, pathRequest, restMotion } from "../model/motion.ts";
 import type { Motion, Point } from "../model/motion.ts";
 import type { Cut, OsteotomyView, PlanView, Schemas } from "../model/state.ts";
@@ -7,7 +9,7 @@ import { parsePly } from "./surfaces.ts";
 /** Opacity of the skin at which new segments are seen behind it. */
 const SEE_THROUGH = 0.35;
 
-/** Lists the osteotomies of the open session and shows the newest. */
+/** Lists the osteotomies of the open session, and shows the one of its newest solve, else the newest. */
 export async function openCuts(app: App): Promise<void> {
   const { session } = app.state;
   if (!session || session.osteotomies.length === 0) return;
@@ -16,8 +18,26 @@ export async function openCuts(app: App): Promise<void> {
     const [osteotomies, plans] = await Promise.all([app.client.osteotomies(session.id), app.client.plans(session.id)]);
     signal.throwIfAborted();
     app.set({ osteotomies: newestFirst(osteotomies) });
-    const newest = app.state.osteotomies[0];
-    if (newest) await showCut(app, newest, newestFirst(plans).find((plan) => plan.osteotomy === newest.id));
+    const solve = newestSolve(app.state.jobs);
+    const named = plans.find((plan) => plan.id === solve?.plan)?.osteotomy;
+    const view = app.state.osteotomies.find(({ id }) => id === named) ?? app.state.osteotomies[0];
+    if (view) await showCut(app, view, planFor(solve, newestFirst(plans).filter((plan) => plan.osteotomy === view.id)));
+  });
+}
+
+/** Shows the bone as the plan of a solve moves it. Unplanned movements are dropped. */
+export async function showPlanOf(app: App, job: JobView): Promise<void> {
+  const { session, signal } = { session: app.state.session, signal: app.signal };
+  if (!session || !job.plan || app.state.cut?.plan?.id === job.plan) return;
+  await app.attempt("Load the plan", async () => {
+    const plan = (await app.client.plans(session.id)).find(({ id }) => id === job.plan);
+    const view = app.state.osteotomies.find(({ id }) => id === plan?.osteotomy);
+    const cut = view && (await loadCut(app, view, plan));
+    signal.throwIfAborted();
+    // The user may have chosen another prediction by now.
+    if (app.state.shownSolve !== job.id) return;
+    if (cut) placeCut(app, cut);
+    else hideCut(app);
   });
 }
 
@@ -36,19 +56,29 @@ export async function cutByTemplate(app: App, names: Schemas["TemplateName"][], 
 
 /** Shows an osteotomy: loads its segments, with the motions at rest or those of a plan. */
 export async function showCut(app: App, view: OsteotomyView, plan?: PlanView): Promise<void> {
-  const { session, signal } = { session: app.state.session, signal: app.signal };
-  if (!session) return;
-  const loaded = await Promise.all(
-    view.segments.map(async ({ id }) => [id, parsePly(await app.client.segmentPly(session.id, view.id, id, signal))] as const),
-  );
+  const { signal } = app;
+  const cut = await loadCut(app, view, plan);
   signal.throwIfAborted();
-  hideCut(app);
+  placeCut(app, cut);
+}
+
+async function loadCut(app: App, view: OsteotomyView, plan: PlanView | undefined): Promise<Cut> {
   const moving = view.segments.filter(({ id }) => id !== 0);
   const motions = new Map(moving.map(({ id, centroid_mm }) => {
     const path = plan?.paths.find(({ segment }) => segment === id);
     return [id, path ? motionOfPath(path, centroid_mm as Point) : restMotion(centroid_mm as Point)];
   }));
-  const cut: Cut = { view, surfaces: new Map(loaded), motions, plan, selected: moving[0]?.id ?? 0 };
+  const { cut: shown, session } = app.state;
+  if (!session) throw new Error("Open a session first.");
+  if (shown?.view.id === view.id) return { ...shown, motions, plan };
+  const loaded = await Promise.all(view.segments.map(async ({ id }) => {
+    return [id, parsePly(await app.client.segmentPly(session.id, view.id, id, app.signal))] as const;
+  }));
+  return { view, surfaces: new Map(loaded), motions, plan, selected: moving[0]?.id ?? 0 };
+}
+
+function placeCut(app: App, cut: Cut): void {
+  if (app.state.cut?.surfaces !== cut.surfaces) hideCut(app);
   app.set({ cut });
 }
 

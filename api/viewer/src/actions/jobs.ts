@@ -1,22 +1,25 @@
 import { hasEnded, Problem } from "@prosopon/client";
-import type { EndData, JobEvent, JobView } from "@prosopon/client";
+import type { JobEvent, JobView } from "@prosopon/client";
 import type { App } from "./app.ts";
-import { openCuts } from "./cuts.ts";
+import { newestSolve } from "../model/jobs.ts";
+import { closeComparison } from "./comparison.ts";
+import { openCuts, showPlanOf } from "./cuts.ts";
 import { loadLandmarks } from "./landmarks.ts";
-import { PredictionLoader } from "./prediction.ts";
+import { shownLoader } from "./prediction.ts";
+import { loadProfile } from "./profile.ts";
 import { refreshSession } from "./session-view.ts";
 import { loadSurfaces } from "./surfaces.ts";
 
 /** Follows the running jobs of the open session and shows its newest solve. */
 export async function resumeJobs(app: App): Promise<void> {
   const running = app.state.jobs.filter((job) => !hasEnded(job.status));
-  const solve = app.state.jobs.find((job) => job.kind === "solve" && (job.step > 0 || !hasEnded(job.status)));
+  const solve = newestSolve(app.state.jobs);
   const others = running.filter((job) => job.id !== solve?.id);
   await Promise.all([solve && showSolve(app, solve), ...others.map((job) => follow(app, job))]);
 }
 
 /** Names of the kinds of jobs, as the page shows them. */
-export const JOB_NAMES: Record<string, string> = {
+export const JOB_NAMES: Record<JobView["kind"], string> = {
   import: "Surfaces from the CT",
   field: "Distance field",
   mesh: "Tissue mesh",
@@ -27,32 +30,29 @@ export const JOB_NAMES: Record<string, string> = {
 /**
  * Follows a job to its end and keeps its progress in the state.
  *
- * @returns the job at its end, or the job that continues it
+ * @returns the job at its end
  * @throws the problem of a job that failed
  */
 export async function follow(app: App, job: JobView, onEvent?: (event: JobEvent) => void): Promise<JobView> {
   const { signal } = app;
   putJob(app, job);
   const onInterruption = () => app.set({ interrupted: true });
-  let next: string | undefined;
   for await (const event of app.client.follow(job.id, { signal, onInterruption })) {
     if (app.state.interrupted) app.set({ interrupted: false });
     applyEvent(app, job.id, event);
     onEvent?.(event);
-    if (event.event === "end") next = nextJob(event.data);
   }
   const ended = await app.client.job(job.id);
   signal.throwIfAborted();
   putJob(app, ended);
   await refreshSession(app);
   if (ended.problem) throw new Problem(ended.problem);
-  next ??= ended.continued_by ?? undefined;
-  return next === undefined ? ended : followNext(app, next);
+  return ended;
 }
 
 /** Follows a job and then shows what it made. */
 export async function followAndLoad(app: App, job: JobView): Promise<JobView | undefined> {
-  return app.attempt(JOB_NAMES[job.kind] ?? job.kind, async () => {
+  return app.attempt(JOB_NAMES[job.kind], async () => {
     const ended = await follow(app, job);
     await Promise.all([loadSurfaces(app), loadLandmarks(app)]);
     if (app.state.cut === undefined) await openCuts(app);
@@ -60,16 +60,27 @@ export async function followAndLoad(app: App, job: JobView): Promise<JobView | u
   });
 }
 
-/** Shows a solve: loads the steps that it has and those that arrive. */
+/** Shows a solve that the user has chosen, and the bone of its plan. */
+export async function chooseSolve(app: App, job: JobView): Promise<void> {
+  await Promise.all([showSolve(app, job), showPlanOf(app, job)]);
+}
+
+/**
+ * Shows a solve: loads the steps that it has and those that arrive. When a running solve is continued by another job, that one is
+ * shown next; the skin stays until the other's first step arrives.
+ */
 export async function showSolve(app: App, job: JobView): Promise<void> {
-  const loader = new PredictionLoader(app, job);
-  app.set({ shownSolve: job.id, prediction: undefined, scales: {} });
-  await app.attempt(JOB_NAMES["solve"] ?? "", async () => {
-    await follow(app, job, (event) => {
-      if (event.event === "step") loader.step(event.data.k, event.data.t, event.data.steps);
-    });
+  closeComparison(app);
+  const continues = job.continues != null && app.state.prediction?.job === job.continues;
+  app.set(continues ? { shownSolve: job.id } : { shownSolve: job.id, prediction: undefined, scales: {} });
+  const loader = shownLoader(app, job);
+  const ended = await app.attempt(JOB_NAMES.solve, async () => {
+    const ended = await follow(app, job, (event) => loader.take(event));
     await loader.finish();
+    return ended;
   });
+  if (ended?.status === "succeeded" && app.state.shownSolve === job.id) void loadProfile(app, job.id);
+  if (ended?.continued_by && !hasEnded(job.status)) await showNext(app, job.id, ended.continued_by);
 }
 
 export async function cancelJob(app: App, id: string): Promise<void> {
@@ -77,26 +88,21 @@ export async function cancelJob(app: App, id: string): Promise<void> {
   if (job) putJob(app, job);
 }
 
-async function followNext(app: App, id: string): Promise<JobView> {
-  const job = await app.client.job(id);
-  if (job.kind === "solve") {
-    await showSolve(app, job);
-    return job;
-  }
-  return follow(app, job);
-}
-
-function nextJob(end: EndData): string | undefined {
-  return end.continued_by ?? undefined;
+/** Shows the job that continues a solve; only follows it when the user shows another one by now. */
+async function showNext(app: App, from: string, id: string): Promise<void> {
+  const next = await app.attempt("Read the job that continues the prediction", () => app.client.job(id));
+  if (!next) return;
+  if (app.state.shownSolve === from) await showSolve(app, next);
+  else await app.attempt(JOB_NAMES.solve, () => follow(app, next));
 }
 
 function applyEvent(app: App, id: string, event: JobEvent): void {
   const known = app.state.jobs.find((job) => job.id === id);
   if (!known || hasEnded(known.status)) return;
-  if (event.event === "status" || event.event === "end") putJob(app, { ...known, status: event.data.status as JobView["status"] });
+  if (event.event === "status" || event.event === "end") putJob(app, { ...known, status: event.data.status });
   if (event.event === "progress") {
-    const { phase, progress, eta_s } = event.data;
-    putJob(app, { ...known, phase: phase as JobView["phase"], progress, eta_s });
+    const { phase, progress, eta_s = null } = event.data;
+    putJob(app, { ...known, phase, progress, eta_s });
   }
   if (event.event === "step") putJob(app, { ...known, step: event.data.k, steps: event.data.steps });
   if (event.event === "warning") putJob(app, { ...known, warnings: [...(known.warnings ?? []), event.data] });

@@ -1,6 +1,6 @@
-import type { JobView } from "@prosopon/client";
+import type { JobEvent, JobView } from "@prosopon/client";
 import type { App } from "./app.ts";
-import { scaleOf } from "../colour/colour-map.ts";
+import { mapScales } from "../colour/map-scales.ts";
 import { Prediction } from "../model/prediction.ts";
 
 /** Loads the skins of a solve one after the other, so that early steps are shown while later ones are computed. */
@@ -8,18 +8,25 @@ export class PredictionLoader {
   readonly #app: App;
   readonly #job: JobView;
   readonly #signal: AbortSignal;
+  readonly #isWanted: () => boolean;
+  readonly #show: (prediction: Prediction) => void;
   #queue: Promise<void> = Promise.resolve();
   #prediction: Prediction | undefined;
 
-  constructor(app: App, job: JobView) {
+  /** `show` is called with each step that arrives while `isWanted`. */
+  constructor(app: App, job: JobView, isWanted: () => boolean, show: (prediction: Prediction) => void) {
     this.#app = app;
     this.#job = job;
     this.#signal = app.signal;
+    this.#isWanted = isWanted;
+    this.#show = show;
   }
 
-  /** Loads a step that the service has reported. */
-  step(k: number, t: number, total: number): void {
-    this.#queue = this.#queue.then(() => this.#load(k, t, total));
+  /** Loads the step that an event reports. */
+  take(event: JobEvent): void {
+    if (event.event !== "step") return;
+    const { k, t, steps } = event.data;
+    this.#queue = this.#queue.then(() => this.#load(k, t, steps));
     // `finish` reports the error; without this the browser reports it as unhandled before.
     this.#queue.catch(() => undefined);
   }
@@ -32,16 +39,13 @@ export class PredictionLoader {
   }
 
   async #load(k: number, t: number, total: number): Promise<void> {
+    if (!this.#isWanted()) return;
     const prediction = (this.#prediction ??= await this.#begin(total));
     const frame = await this.#app.client.frame(this.#job.id, k, prediction.vertices, this.#signal);
     // Another session or solve may be shown by now.
-    if (this.#signal.aborted || this.#app.state.shownSolve !== this.#job.id) return;
+    if (this.#signal.aborted || !this.#isWanted()) return;
     prediction.add(k, t, frame);
-    const { displacementMm, errorMm } = prediction.last.frame;
-    const displacement = scaleOf(displacementMm, "displacement");
-    const scales = errorMm ? { displacement, error: scaleOf(errorMm, "error") } : { displacement };
-    if (this.#app.state.prediction !== prediction) this.#app.display({ t: 1, blend: 1, skinOpacity: 1 });
-    this.#app.set({ prediction, scales });
+    this.#show(prediction);
   }
 
   async #begin(total: number): Promise<Prediction> {
@@ -50,4 +54,13 @@ export class PredictionLoader {
     const rest = await this.#app.client.frame(this.#job.id, 0, vertices, this.#signal);
     return new Prediction(this.#job.id, total, triangles, rest);
   }
+}
+
+/** Loader of the shown solve. */
+export function shownLoader(app: App, job: JobView): PredictionLoader {
+  const isWanted = () => app.state.shownSolve === job.id;
+  return new PredictionLoader(app, job, isWanted, (prediction) => {
+    if (app.state.prediction !== prediction) app.display({ t: 1, blend: 1, skinOpacity: 1 });
+    app.set({ prediction, scales: mapScales(prediction, app.state.comparison) });
+  });
 }

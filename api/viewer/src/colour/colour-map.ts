@@ -1,5 +1,8 @@
 import type { ScalarName } from "../model/prediction.ts";
 
+/** A colour map: of the values of one prediction, or of the distance between two. */
+export type MapName = ScalarName | "distance";
+
 /** Linear range of values, mm, of a colour map. */
 export interface Scale {
   min: number;
@@ -45,10 +48,11 @@ function linearRgb(hex: string): Rgb {
   return [channel(1), channel(3), channel(5)];
 }
 
-const TABLES: Record<ScalarName, Float32Array> = { displacement: table(VIRIDIS), error: table(BLUE_WHITE_ORANGE) };
+const SEQUENTIAL = table(VIRIDIS);
+const TABLES: Record<MapName, Float32Array> = { displacement: SEQUENTIAL, distance: SEQUENTIAL, error: table(BLUE_WHITE_ORANGE) };
 
 /** Writes the linear RGB colour of each value into `out`. */
-export function colourValues(values: Float32Array, name: ScalarName, scale: Scale, out: Float32Array): void {
+export function colourValues(values: Float32Array, name: MapName, scale: Scale, out: Float32Array): void {
   const entries = TABLES[name];
   const perMm = (ENTRIES - 1) / Math.max(scale.max - scale.min, 1e-6);
   for (let i = 0; i < values.length; i += 1) {
@@ -60,8 +64,8 @@ export function colourValues(values: Float32Array, name: ScalarName, scale: Scal
   }
 }
 
-/** Round range that holds nearly all values: from 0 for displacement, symmetric about 0 for errors. */
-export function scaleOf(values: Float32Array, name: ScalarName): Scale {
+/** Round range that holds nearly all values: from 0 for displacement and distance, symmetric about 0 for errors. */
+export function scaleOf(values: Float32Array, name: MapName): Scale {
   const sizes = Array.from(values, Math.abs).filter(Number.isFinite).sort((a, b) => a - b);
   // Errors at borders may be tens of mm; the 99th percentile keeps the map readable.
   const largest = (name === "error" ? sizes[Math.ceil(0.99 * (sizes.length - 1))] : sizes.at(-1)) ?? 0;

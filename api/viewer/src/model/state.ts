@@ -1,8 +1,9 @@
 import type { components, JobView, ProblemField } from "@prosopon/client";
 import type { BufferGeometry } from "three";
-import type { Scale } from "../colour/colour-map.ts";
+import type { MapName, Scale } from "../colour/colour-map.ts";
+import type { Comparison } from "./comparison.ts";
 import type { Motion, Point } from "./motion.ts";
-import type { Prediction, ScalarName } from "./prediction.ts";
+import type { Prediction } from "./prediction.ts";
 
 export type Schemas = components["schemas"];
 export type SessionView = Schemas["SessionView"];
@@ -57,7 +58,7 @@ export interface ShownProblem {
   requestId: string | undefined;
 }
 
-export type ColourMode = "none" | ScalarName;
+export type ColourMode = "none" | MapName;
 export type GizmoMode = "off" | "translate" | "rotate";
 export type Theme = "auto" | "light" | "dark";
 
@@ -100,8 +101,13 @@ export interface State {
   /** Job whose prediction is shown, or is being loaded. */
   shownSolve: string | undefined;
   prediction: Prediction | undefined;
-  /** Range of the colour map of the shown prediction. */
-  scales: Partial<Record<ScalarName, Scale>>;
+  /** Job whose prediction is shown beside, or is being loaded for that. */
+  comparedSolve: string | undefined;
+  comparison: Comparison | undefined;
+  /** Ranges of the colour maps of the shown predictions. */
+  scales: Partial<Record<MapName, Scale>>;
+  /** Clinical part of the reports, by job. */
+  profiles: ReadonlyMap<string, Schemas["ClinicalDocument"]>;
   solve: SolveForm;
   display: Display;
   /** Work for which the user waits, by name. */
@@ -125,7 +131,10 @@ export const INITIAL: State = {
   cut: undefined,
   shownSolve: undefined,
   prediction: undefined,
+  comparedSolve: undefined,
+  comparison: undefined,
   scales: {},
+  profiles: new Map(),
   solve: { steps: "", edgeMm: "", model: "", referenceJob: "" },
   display: {
     t: 1, playing: false, blend: 1, skinOpacity: 1, boneOpacity: 1, landmarks: true, colour: "none", gizmo: "off",
@@ -146,7 +155,10 @@ export const NO_SESSION = {
   cut: undefined,
   shownSolve: undefined,
   prediction: undefined,
+  comparedSolve: undefined,
+  comparison: undefined,
   scales: {},
+  profiles: new Map(),
   interrupted: false,
   display: INITIAL.display,
 } satisfies Partial<State>;

@@ -1,5 +1,5 @@
 import {
-  HalfFloatType, Mesh, MeshBasicMaterial, OrthographicCamera, PlaneGeometry, Scene, Vector2, WebGLRenderTarget,
+  HalfFloatType, Mesh, MeshBasicMaterial, OrthographicCamera, PlaneGeometry, Scene, Vector4, WebGLRenderTarget,
 } from "three";
 import type { Camera, Object3D, WebGLRenderer } from "three";
 
@@ -22,7 +22,7 @@ export class Crossfade {
     this.#sheet.add(new Mesh(new PlaneGeometry(2, 2), this.#material));
   }
 
-  /** `blend` is the share of the picture with `after`: 0 shows `before` alone, 1 `after` alone. */
+  /** Draws into the renderer's viewport. `blend` is the share of the picture with `after`: 0 shows `before` alone, 1 `after` alone. */
   render(scene: Scene, camera: Camera, before: Object3D, after: Object3D, blend: number): void {
     const renderer = this.#renderer;
     const mixed = before.children.length > 0 && blend > 0 && blend < 1;
@@ -33,8 +33,8 @@ export class Crossfade {
     if (!mixed) return;
     before.visible = false;
     after.visible = true;
-    const size = renderer.getDrawingBufferSize(new Vector2());
-    this.#target.setSize(size.x, size.y);
+    const { z: width, w: height } = renderer.getCurrentViewport(new Vector4());
+    this.#target.setSize(width, height);
     renderer.setRenderTarget(this.#target);
     renderer.clear();
     renderer.render(scene, camera);

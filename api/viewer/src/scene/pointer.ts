@@ -23,6 +23,8 @@ const CLICK_PX = 4;
 export interface Targets {
   stage: Stage;
   skin: Skin;
+  /** Skin of the second view. */
+  second: Skin;
   bones: Bones;
   markers: LandmarkMarkers;
   gizmo: Gizmo;
@@ -53,7 +55,7 @@ export class Pointer {
   #press(event: PointerEvent): void {
     this.#pressed = { x: event.clientX, y: event.clientY };
     if (this.#targets.gizmo.active) return;
-    this.#aim(event);
+    if (this.#aim(event) !== 0) return;
     const name = this.#targets.markers.pick(this.#raycaster);
     const from = name === undefined ? undefined : this.#app.state.landmarks?.document.points[name];
     if (name === undefined || !from) return;
@@ -80,7 +82,8 @@ export class Pointer {
   #drag(event: PointerEvent): void {
     const { skin, bones, markers } = this.#targets;
     if (!this.#dragging || !this.#hasMoved(event)) return;
-    this.#aim(event);
+    // A landmark of the first view cannot be dragged into the second.
+    if (this.#aim(event) !== 0) return;
     const surfaces = [skin.mesh, ...bones.meshes].filter((mesh) => mesh.visible);
     const place = markers.dragged(this.#raycaster, this.#dragging.from, surfaces);
     if (place) moveLandmark(this.#app, this.#dragging.name, place);
@@ -98,7 +101,7 @@ export class Pointer {
   }
 
   #choose(event: PointerEvent): void {
-    this.#aim(event);
+    if (this.#aim(event) !== 0) return;
     const moving = this.#targets.bones.moving;
     const hit = this.#raycaster.intersectObjects(moving.map(([, mesh]) => mesh), false)[0];
     const segment = moving.find(([, mesh]) => mesh === hit?.object)?.[0];
@@ -106,17 +109,17 @@ export class Pointer {
   }
 
   #hover(event: PointerEvent): void {
-    const { skin, markers, gizmo } = this.#targets;
-    this.#aim(event);
-    const landmark = gizmo.active ? undefined : markers.pick(this.#raycaster);
-    const text = landmark === undefined ? this.#valueText(skin) : landmarkText(this.#app, landmark);
+    const { skin, second, markers, gizmo } = this.#targets;
+    const view = this.#aim(event);
+    const landmark = gizmo.active || view === 1 ? undefined : markers.pick(this.#raycaster);
+    const text = landmark === undefined ? this.#valueText(view === 1 ? second : skin) : landmarkText(this.#app, landmark);
     const box = this.#targets.stage.canvas.getBoundingClientRect();
     this.#onHover(text === undefined ? undefined : { x: event.clientX - box.left, y: event.clientY - box.top, text });
   }
 
   #valueText(skin: Skin): string | undefined {
     const { colour } = this.#app.state.display;
-    if (colour === "none") return undefined;
+    if (colour === "none" || !skin.isColoured) return undefined;
     const hit = this.#raycaster.intersectObject(skin.mesh, false)[0];
     if (!hit?.face) return undefined;
     const { a, b, c } = hit.face;
@@ -125,12 +128,12 @@ export class Pointer {
     return `${colour === "error" && value > 0 ? "+" : ""}${value.toFixed(2).replace("-", "−")} mm`;
   }
 
-  #aim(event: PointerEvent): void {
-    const { canvas, camera } = this.#targets.stage;
-    const box = canvas.getBoundingClientRect();
-    const x = (2 * (event.clientX - box.left)) / box.width - 1;
-    const y = 1 - (2 * (event.clientY - box.top)) / box.height;
-    this.#raycaster.setFromCamera(new Vector2(x, y), camera);
+  /** Aims at what lies under the cursor; returns the number of the view. */
+  #aim(event: PointerEvent): number {
+    const { stage } = this.#targets;
+    const { at, view } = stage.locate(event.clientX, event.clientY);
+    this.#raycaster.setFromCamera(new Vector2(...at), stage.camera);
+    return view;
   }
 
   #hasMoved(event: PointerEvent): boolean {

@@ -2,6 +2,7 @@ import { Box3, Vector3 } from "three";
 import type { App } from "../actions/app.ts";
 import { setMotion } from "../actions/cuts.ts";
 import { condylesOf } from "../model/state.ts";
+import type { Prediction } from "../model/prediction.ts";
 import type { State } from "../model/state.ts";
 import { Bones } from "./bones.ts";
 import { Gizmo } from "./gizmo.ts";
@@ -9,6 +10,7 @@ import { LandmarkMarkers } from "./landmark-markers.ts";
 import { Pointer } from "./pointer.ts";
 import type { Hover } from "./pointer.ts";
 import { Skin } from "./skin.ts";
+import type { SkinMap } from "./skin.ts";
 import { Stage } from "./stage.ts";
 import type { ViewName } from "./views.ts";
 
@@ -23,6 +25,7 @@ export interface SceneListener {
 export class FaceScene {
   readonly #stage: Stage;
   readonly #skin: Skin;
+  readonly #second: Skin;
   readonly #bones: Bones;
   readonly #markers: LandmarkMarkers;
   readonly #gizmo: Gizmo;
@@ -31,7 +34,8 @@ export class FaceScene {
     const stage = new Stage(canvas);
     stage.onSides = listener.onSides;
     this.#stage = stage;
-    this.#skin = new Skin(stage);
+    this.#skin = new Skin(stage.after, stage.before);
+    this.#second = new Skin(stage.second);
     this.#bones = new Bones(stage);
     this.#markers = new LandmarkMarkers(stage);
     this.#gizmo = new Gizmo(stage, (motion) => {
@@ -39,7 +43,7 @@ export class FaceScene {
       if (cut) setMotion(app, cut.selected, motion);
       if (app.state.display.t !== 1) app.display({ t: 1 });
     });
-    const targets = { stage, skin: this.#skin, bones: this.#bones, markers: this.#markers, gizmo: this.#gizmo };
+    const targets = { stage, skin: this.#skin, second: this.#second, bones: this.#bones, markers: this.#markers, gizmo: this.#gizmo };
     new Pointer(app, targets, listener.onHover);
     app.store.subscribe((state) => this.#show(state));
   }
@@ -53,15 +57,18 @@ export class FaceScene {
   }
 
   #show(state: State): void {
-    const { display, surfaces, cut, prediction, landmarks } = state;
-    const { t, colour } = display;
+    const { display, surfaces, cut, prediction, comparison, landmarks } = state;
+    const { t, skinOpacity: opacity } = display;
     // A face at a place that has not arrived stays at the last step; the bone stays with it.
     const shown = prediction ? Math.min(t, prediction.reach) : t;
-    const scale = colour === "none" ? undefined : state.scales[colour];
-    this.#skin.show({ surface: surfaces.skin, prediction, t: shown, opacity: display.skinOpacity, colour, scale });
+    const second = comparison?.second;
+    this.#skin.show({ surface: surfaces.skin, prediction, t: shown, opacity, map: mapOf(state, prediction, shown) });
+    this.#second.show({ surface: undefined, prediction: second, t: shown, opacity, map: mapOf(state, second, shown) });
+    this.#stage.setSplit(second !== undefined);
     this.#bones.show({ skull: surfaces.skull, cut, t: shown, opacity: display.boneOpacity, condyles: condylesOf(landmarks) });
     this.#markers.show(landmarks, display.landmarks);
-    this.#gizmo.show(display.gizmo, cut?.motions.get(cut.selected));
+    // The handle reads the cursor as if there were one view.
+    this.#gizmo.show(second ? "off" : display.gizmo, cut?.motions.get(cut.selected));
     this.#stage.setBlend(display.blend);
     this.#frame(state);
     this.#stage.draw();
@@ -75,4 +82,15 @@ export class FaceScene {
     const box = geometry.boundingBox;
     this.#stage.setSubject(box.getCenter(new Vector3()), 0.56 * Math.max(...box.getSize(new Vector3()).toArray()));
   }
+}
+
+/** Colours of a prediction at path parameter `t`; `undefined` for plain skin. The distance between two colours the first. */
+function mapOf(state: State, prediction: Prediction | undefined, t: number): SkinMap | undefined {
+  const { colour: name } = state.display;
+  const scale = name === "none" ? undefined : state.scales[name];
+  if (!prediction || name === "none" || !scale) return undefined;
+  const { comparison } = state;
+  const distance = name === "distance" && comparison?.first === prediction ? comparison.distanceAt(t) : undefined;
+  const values = name === "distance" ? distance : prediction.scalarAt(name, t);
+  return values && { values, name, scale };
 }

@@ -1,11 +1,11 @@
 import { BufferAttribute, BufferGeometry, Color, DoubleSide, Mesh, MeshLambertMaterial } from "three";
+import type { Group } from "three";
 import { colourValues } from "../colour/colour-map.ts";
-import type { Scale } from "../colour/colour-map.ts";
-import type { ColourMode, Surface } from "../model/state.ts";
+import type { MapName, Scale } from "../colour/colour-map.ts";
+import type { Surface } from "../model/state.ts";
 import { mixed } from "../model/prediction.ts";
 import type { Prediction } from "../model/prediction.ts";
 import { setOpacity } from "./opacity.ts";
-import type { Stage } from "./stage.ts";
 
 const SKIN = new Color("#d8ab91");
 const WHITE = new Color("#ffffff");
@@ -16,27 +16,38 @@ export interface SkinView {
   prediction: Prediction | undefined;
   t: number;
   opacity: number;
-  colour: ColourMode;
-  scale: Scale | undefined;
+  map: SkinMap | undefined;
+}
+
+/** Values at the vertices, mm, and how they are coloured. */
+export interface SkinMap {
+  values: Float32Array;
+  name: MapName;
+  scale: Scale;
 }
 
 /** The skin: that of the session, or that of a prediction at a place of its path, with the face before it. */
 export class Skin {
-  readonly #stage: Stage;
+  readonly #beforeGroup: Group | undefined;
   readonly #after = new Mesh(new BufferGeometry(), material());
   readonly #before = new Mesh(new BufferGeometry(), material());
   #prediction: Prediction | undefined;
   /** Values that the colours show, at the vertices of the shown mesh. */
   #values: Float32Array | undefined;
 
-  constructor(stage: Stage) {
-    this.#stage = stage;
-    stage.after.add(this.#after);
+  /** `after` gets the shown skin; `before`, where it is given, the skin at rest. */
+  constructor(after: Group, before?: Group) {
+    this.#beforeGroup = before;
+    after.add(this.#after);
   }
 
   /** Mesh of the shown skin, for the value under the cursor. */
   get mesh(): Mesh {
     return this.#after;
+  }
+
+  get isColoured(): boolean {
+    return this.#values !== undefined;
   }
 
   /** Value of the colour map at a point of a triangle with barycentric weights; `undefined` where there is none. */
@@ -52,7 +63,7 @@ export class Skin {
     if (view.prediction) this.#place(view.prediction, view.t);
     else if (view.surface) this.#after.geometry = view.surface.geometry;
     this.#after.visible = (view.prediction ?? view.surface) !== undefined && view.opacity > 0;
-    this.#colour(view);
+    this.#colour(view.map);
     for (const mesh of [this.#after, this.#before]) setOpacity(mesh.material, view.opacity);
     this.#before.visible = view.opacity > 0;
   }
@@ -71,7 +82,7 @@ export class Skin {
     this.#before.geometry = geometryOf(frame.positions, normals, index);
     this.#after.geometry = geometryOf(frame.positions.slice(), normals.slice(), index);
     this.#after.geometry.setAttribute("color", new BufferAttribute(new Float32Array(frame.positions.length), 3));
-    this.#stage.before.add(this.#before);
+    this.#beforeGroup?.add(this.#before);
   }
 
   #place(prediction: Prediction, t: number): void {
@@ -84,18 +95,17 @@ export class Skin {
     if (normal) normal.needsUpdate = true;
   }
 
-  #colour({ prediction, colour, scale, t }: SkinView): void {
-    const values = colour === "none" || !scale ? undefined : prediction?.scalarAt(colour, t);
-    this.#values = values;
+  #colour(map: SkinMap | undefined): void {
+    this.#values = map?.values;
     const own = this.#after.material;
-    if (own.vertexColors !== (values !== undefined)) {
-      own.vertexColors = values !== undefined;
+    if (own.vertexColors !== (map !== undefined)) {
+      own.vertexColors = map !== undefined;
       own.needsUpdate = true;
     }
-    own.color = values ? WHITE : SKIN;
+    own.color = map ? WHITE : SKIN;
     const attribute = this.#after.geometry.attributes["color"];
-    if (!values || colour === "none" || !scale || !attribute) return;
-    colourValues(values, colour, scale, attribute.array as Float32Array);
+    if (!map || !attribute) return;
+    colourValues(map.values, map.name, map.scale, attribute.array as Float32Array);
     attribute.needsUpdate = true;
   }
 }

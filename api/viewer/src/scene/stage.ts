@@ -1,6 +1,8 @@
 import { AmbientLight, DirectionalLight, Group, HemisphereLight, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { Crossfade } from "./crossfade.ts";
+import { inPane, paneAt, panesOf } from "./panes.ts";
+import type { Pane } from "./panes.ts";
 import { sidesOf, standardView } from "./views.ts";
 import type { ViewName } from "./views.ts";
 
@@ -22,6 +24,8 @@ export class Stage {
   readonly common = new Group();
   readonly before = new Group();
   readonly after = new Group();
+  /** Shown alone in the second view. */
+  readonly second = new Group();
   readonly #renderer: WebGLRenderer;
   readonly #crossfade: Crossfade;
   readonly #light = new DirectionalLight(0xffffff, 1.9);
@@ -30,6 +34,7 @@ export class Stage {
   onSides: (left: string, right: string) => void = () => undefined;
   #sides = "";
   #blend = 1;
+  #isSplit = false;
   #view: ViewName = "three-quarter";
   #centre = new Vector3(0, 0, 30);
   #radius = 130;
@@ -43,7 +48,7 @@ export class Stage {
     this.camera.add(this.#light);
     this.#light.position.set(0.4, 0.6, 1);
     this.scene.add(this.camera, new AmbientLight(0xffffff, 0.7), new HemisphereLight(0xffffff, 0x8d8d99, 0.9));
-    this.scene.add(this.common, this.before, this.after);
+    this.scene.add(this.common, this.before, this.after, this.second);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.draw());
     new ResizeObserver(() => this.#resize()).observe(canvas.parentElement ?? canvas);
@@ -57,9 +62,24 @@ export class Stage {
     this.#scheduled = true;
     requestAnimationFrame(() => {
       this.#scheduled = false;
-      this.#crossfade.render(this.scene, this.camera, this.before, this.after, this.#blend);
+      for (const [i, pane] of this.#panes.entries()) this.#drawPane(pane, i === 1);
       this.#reportSides();
     });
+  }
+
+  /** Shows one view, or two with one camera. */
+  setSplit(isSplit: boolean): void {
+    if (this.#isSplit === isSplit) return;
+    this.#isSplit = isSplit;
+    this.#resize();
+  }
+
+  /** Normalised device coordinates of a point of the window, and the number of the view in which it lies, 0 or 1. */
+  locate(clientX: number, clientY: number): { at: [number, number]; view: number } {
+    const box = this.canvas.getBoundingClientRect();
+    const [x, y] = [clientX - box.left, clientY - box.top];
+    const view = Math.max(paneAt(this.#panes, x, y), 0);
+    return { at: inPane(this.#panes[view] as Pane, x, y), view };
   }
 
   /** Share of the predicted face in the picture; below 1 the face before shows through. */
@@ -100,6 +120,23 @@ export class Stage {
     this.draw();
   }
 
+  get #panes(): Pane[] {
+    const { clientWidth, clientHeight } = this.canvas.parentElement ?? this.canvas;
+    return panesOf(clientWidth, clientHeight, this.#isSplit);
+  }
+
+  #drawPane({ x, y, width, height }: Pane, isSecond: boolean): void {
+    const { clientHeight } = this.canvas.parentElement ?? this.canvas;
+    const fromBelow = clientHeight - y - height;
+    this.#renderer.setScissorTest(this.#isSplit);
+    this.#renderer.setScissor(x, fromBelow, width, height);
+    this.#renderer.setViewport(x, fromBelow, width, height);
+    const [shown, other] = isSecond ? [this.second, this.after] : [this.after, this.second];
+    other.visible = false;
+    this.common.visible = !isSecond;
+    this.#crossfade.render(this.scene, this.camera, this.before, shown, this.#blend);
+  }
+
   #reportSides(): void {
     const [left, right] = sidesOf(this.camera);
     if (this.#sides === left + right) return;
@@ -113,7 +150,8 @@ export class Stage {
     const wasNarrow = this.camera.aspect;
     this.#renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.#renderer.setSize(clientWidth, clientHeight);
-    this.camera.aspect = clientWidth / clientHeight;
+    const { width, height } = this.#panes[0] as Pane;
+    this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     if (Math.min(wasNarrow, 1) !== Math.min(this.camera.aspect, 1)) this.#keepSize(wasNarrow);
     this.draw();

@@ -52,12 +52,13 @@ function slider(label: string, value: number, set: (value: number) => void, ends
 }
 
 function colours(app: App): TemplateResult {
-  const { display, prediction } = app.state;
+  const { display, prediction, comparison } = app.state;
   const options: [ColourMode, string, boolean][] = [
     ["none", "skin", true],
     ["displacement", "displacement", true],
     ["error", prediction?.hasError ? "signed error" : "signed error: no reference", prediction?.hasError === true],
   ];
+  if (comparison?.isComparable) options.push(["distance", "distance to B", true]);
   return html`<label class="choice">Colours
     <select name="colour" @change=${(event: Event) => app.display({ colour: valueOf(event) as ColourMode })}>
       ${options.map(([mode, label, usable]) => html`<option value=${mode} ?selected=${mode === display.colour} ?disabled=${!usable}>${label}</option>`)}

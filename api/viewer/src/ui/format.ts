@@ -20,6 +20,11 @@ export function when(iso: string): string {
   return new Date(iso).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
 }
 
+/** Date and time of the reader, with seconds: it tells predictions of one minute apart. */
+export function exactly(iso: string): string {
+  return new Date(iso).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "medium" });
+}
+
 /** Remaining time, s. */
 export function remaining(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined) return "";

@@ -37,7 +37,7 @@ function waiting(app: App): TemplateResult {
 }
 
 function jobProgress(job: JobView): TemplateResult {
-  const name = JOB_NAMES[job.kind] ?? words(job.kind);
+  const name = job.continues ? `${JOB_NAMES[job.kind]} with a better setting` : JOB_NAMES[job.kind];
   const phase = job.phase === job.kind ? "" : `, ${words(job.phase).toLowerCase()}`;
   return html`<p class="waiting">${name}${phase} <progress max="1" value=${job.progress} aria-label="Progress of ${name}"></progress> ${remaining(job.eta_s)}</p>`;
 }

@@ -2,7 +2,14 @@ import { html, nothing } from "lit-html";
 import type { TemplateResult } from "lit-html";
 import type { App } from "../actions/app.ts";
 import { ticksOf } from "../colour/colour-map.ts";
+import type { MapName } from "../colour/colour-map.ts";
 import { shortMm, signedMm } from "./format.ts";
+
+const TITLES: Record<MapName, string> = {
+  displacement: "Displacement, mm",
+  error: "Signed error, mm",
+  distance: "Distance from A to B, of the same point of skin, mm",
+};
 
 /** Legend of the colour map, mm. */
 export function legend(app: App): TemplateResult | typeof nothing {
@@ -12,7 +19,7 @@ export function legend(app: App): TemplateResult | typeof nothing {
   if (!prediction || colour === "none" || !scale) return nothing;
   const text = colour === "error" ? signedMm : shortMm;
   return html`<figure class="legend" aria-label="Legend">
-    <figcaption>${colour === "error" ? "Signed error, mm" : "Displacement, mm"}</figcaption>
+    <figcaption>${TITLES[colour]}</figcaption>
     <div class="scale">
       <div class="bar bar-${colour}"></div>
       <ol>${ticksOf(scale).reverse().map((tick) => html`<li>${text(tick)}</li>`)}</ol>

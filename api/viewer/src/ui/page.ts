@@ -6,6 +6,7 @@ import { togglePlay } from "../actions/play.ts";
 import type { Hover } from "../scene/pointer.ts";
 import { FaceScene } from "../scene/scene.ts";
 import { standardView, VIEW_NAMES } from "../scene/views.ts";
+import { captions } from "./captions.ts";
 import { controls, viewButtons } from "./controls.ts";
 import { cutsPanel } from "./cuts.ts";
 import { header } from "./header.ts";
@@ -15,6 +16,7 @@ import { legend } from "./legend.ts";
 import { movementPanel } from "./movement.ts";
 import { jobsPanel, predictionPanel } from "./prediction.ts";
 import { problemList } from "./problems.ts";
+import { profilePanel } from "./profile.ts";
 import { sessionsPanel } from "./sessions.ts";
 
 /** Turn of the camera for each press of an arrow key, degrees. */
@@ -34,7 +36,6 @@ export class Page {
     this.#root = root;
     this.#canvas.tabIndex = 0;
     this.#canvas.setAttribute("role", "img");
-    this.#canvas.setAttribute("aria-label", "Face and skull. Arrow keys turn the view, + and − change its distance, 1 to 4 choose a view.");
     this.#tip.className = "tip";
     this.#tip.hidden = true;
     for (const side of this.#sides) side.className = "side";
@@ -50,12 +51,14 @@ export class Page {
 
   #content(): TemplateResult {
     const app = this.#app;
+    const subject = app.state.comparison ? "Faces of two predictions." : "Face and skull.";
+    this.#canvas.setAttribute("aria-label", `${subject} Arrow keys turn the view, + and − change its distance, 1 to 4 choose a view.`);
     return html`
       ${header(app)}
       ${problemList(app)}
-      <main class="stage">
+      <main class="stage ${app.state.comparison ? "split" : ""}">
         <div class="picture">
-          ${this.#canvas} ${this.#sides}
+          ${this.#canvas} ${captions(app)} ${this.#sides}
           ${viewButtons((view) => this.#scene.setView(view))}
           ${this.#tip} ${this.#hint()}
         </div>
@@ -64,7 +67,7 @@ export class Page {
       </main>
       <aside class="panels" aria-label="Case">
         ${sessionsPanel(app)} ${inputsPanel(app)} ${landmarksPanel(app)} ${cutsPanel(app)} ${movementPanel(app)}
-        ${predictionPanel(app)} ${jobsPanel(app)}
+        ${predictionPanel(app)} ${profilePanel(app)} ${jobsPanel(app)}
       </aside>
     `;
   }

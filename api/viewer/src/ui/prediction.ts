@@ -3,11 +3,13 @@ import type { TemplateResult } from "lit-html";
 import { hasEnded } from "@prosopon/client";
 import type { JobView } from "@prosopon/client";
 import type { App } from "../actions/app.ts";
-import { cancelJob, JOB_NAMES, showSolve } from "../actions/jobs.ts";
+import { closeComparison, compareWith } from "../actions/comparison.ts";
+import { cancelJob, chooseSolve, JOB_NAMES } from "../actions/jobs.ts";
 import { openReport, predict } from "../actions/solve.ts";
+import { finishedSolves } from "../model/jobs.ts";
 import type { SolveForm } from "../model/state.ts";
 import { findingList } from "./findings.ts";
-import { remaining, stateMark, when, words } from "./format.ts";
+import { exactly, remaining, shortMm, stateMark, words } from "./format.ts";
 import { panel, valueOf } from "./panel.ts";
 
 const MODELS: [string, string][] = [
@@ -35,19 +37,44 @@ export function predictionPanel(app: App): TemplateResult {
     ${referenceField(app, set)}
     <button class="primary" ?disabled=${!cut || busy.includes("Predict")} @click=${() => predict(app)}>Predict the face</button>
     <p class="note">Builds the distance field, the plan and the tissue mesh where they are missing. Not a medical device.</p>
+    ${comparisonFields(app)}
   `;
   return panel("prediction", "Prediction", body);
 }
 
 function referenceField(app: App, set: (patch: Partial<SolveForm>) => void): TemplateResult | typeof nothing {
-  const solves = app.state.jobs.filter((job) => job.kind === "solve" && job.status === "succeeded");
+  const solves = finishedSolves(app.state.jobs);
   if (solves.length === 0) return nothing;
   return html`<label>Signed error against
     <select @change=${(event: Event) => set({ referenceJob: valueOf(event) })}>
       <option value="">the target, if there is one</option>
-      ${solves.map((job) => html`<option value=${job.id} ?selected=${job.id === app.state.solve.referenceJob}>the prediction of ${when(job.created_at)}</option>`)}
+      ${solves.map((job) => html`<option value=${job.id} ?selected=${job.id === app.state.solve.referenceJob}>prediction of ${exactly(job.created_at)}</option>`)}
     </select>
   </label>`;
+}
+
+/** Choice of a second prediction, shown beside the first. */
+function comparisonFields(app: App): TemplateResult | typeof nothing {
+  const { prediction, comparedSolve, jobs } = app.state;
+  const others = finishedSolves(jobs).filter((job) => job.id !== prediction?.job);
+  if (!prediction || others.length === 0) return nothing;
+  const choose = (id: string) => (id === "" ? closeComparison(app) : void compareWith(app, id));
+  return html`<label>Compare the shown prediction with
+      <select name="compare" @change=${(event: Event) => choose(valueOf(event))}>
+        <option value="" ?selected=${comparedSolve === undefined}>none</option>
+        ${others.map((job) => html`<option value=${job.id} ?selected=${job.id === comparedSolve}>prediction of ${exactly(job.created_at)}</option>`)}
+      </select>
+    </label>
+    ${distanceNote(app)}`;
+}
+
+/** Distance between the two predictions at the end of their paths. */
+function distanceNote(app: App): TemplateResult | typeof nothing {
+  const { comparison } = app.state;
+  if (!comparison) return nothing;
+  const largest = comparison.largestMm;
+  if (largest === undefined) return html`<p class="note">The two skins have different triangles, so that their distance is not known. Compare predictions of the same skin.</p>`;
+  return html`<p class="note distance">A is the shown prediction, B the other one. At the end of the path they differ by ${shortMm(largest)} mm at most.</p>`;
 }
 
 /** Jobs of the session with progress, warnings and results. */
@@ -62,17 +89,29 @@ export function jobsPanel(app: App): TemplateResult {
 
 function row(app: App, job: JobView): TemplateResult {
   const shown = app.state.prediction?.job === job.id;
-  const name = JOB_NAMES[job.kind] ?? words(job.kind);
-  return html`<li class="job ${shown ? "chosen" : ""}">
+  const name = JOB_NAMES[job.kind];
+  return html`<li class="job ${shown ? "chosen" : ""}" data-job=${job.id}>
     <div class="row">
       <strong class="grow">${name}</strong>
       ${hasEnded(job.status) ? stateMark(job.status) : html`<button @click=${() => cancelJob(app, job.id)}>Cancel</button>`}
     </div>
     ${hasEnded(job.status) ? nothing : progress(job, name)}
+    ${continuation(app, job)}
     ${job.problem ? html`<p class="refused">${job.problem.title}: ${job.problem.detail}</p>` : nothing}
     ${findingList(job.warnings ?? [])}
     ${job.kind === "solve" ? results(app, job, shown) : nothing}
   </li>`;
+}
+
+/** Which job continues a job, or which one it continues. */
+function continuation(app: App, job: JobView): TemplateResult | typeof nothing {
+  const time = (id: string) => {
+    const other = app.state.jobs.find((known) => known.id === id);
+    return other ? ` of ${exactly(other.created_at)}` : "";
+  };
+  if (job.continued_by) return html`<p class="note">Missed the error of its budget; the prediction${time(job.continued_by)} continues it.</p>`;
+  if (job.continues) return html`<p class="note">Continues the prediction${time(job.continues)} with a better setting.</p>`;
+  return nothing;
 }
 
 function progress(job: JobView, name: string): TemplateResult {
@@ -88,8 +127,8 @@ function results(app: App, job: JobView, shown: boolean): TemplateResult | typeo
     ? html`<button @click=${() => openReport(app, job.id)}>Report</button>`
     : html`<a class="button" href=${app.client.reportUrl(job.id)} target="_blank" rel="noopener">Report</a>`;
   return html`<div class="row">
-    <button aria-pressed=${shown ? "true" : "false"} ?disabled=${shown} @click=${() => showSolve(app, job)}>${shown ? "Shown" : "Show"}</button>
+    <button aria-pressed=${shown ? "true" : "false"} ?disabled=${shown} @click=${() => chooseSolve(app, job)}>${shown ? "Shown" : "Show"}</button>
     ${job.status === "succeeded" ? report : nothing}
-    <span class="note">${when(job.created_at)}</span>
+    <span class="note">${exactly(job.created_at)}</span>
   </div>`;
 }

@@ -28,7 +28,7 @@ from scipy.spatial import cKDTree
 import calculix
 
 POISSON = 0.45
-# Small-strain shear moduli of the preset `wang_2009_stable`, MPa, by the number of the tissue in a VTU file.
+# Small-strain shear moduli of the published constants, MPa, by the number of the tissue in a VTU file.
 TISSUES = {0: ("SKIN", 0.070142923), 1: ("MUSCLE", 0.041229888), 2: ("FAT", 0.011776447), 3: ("MUCOSA", 0.041229888)}
 SIDES = {4: ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
          6: ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))}
@@ -93,7 +93,10 @@ def write_scene(path, mesh, moved, locking):
     """A scene for `prosopon solve`."""
     name = os.path.basename(path)
     calculix.write_vtu(path + ".vtu", mesh.points.tolist(), mesh.cells, mesh.held, mesh.tissue)
-    scene = {"mesh": name + ".vtu", "model": "nonlinear", "skin_element": "wedge", "locking": locking, "preset": "wang_2009_stable",
+    # CalculiX's neo-Hookean energy: that of Mooney and Rivlin without the second constant.
+    laws = {name.lower(): {"law": "mooney_rivlin", "c10_mpa": shear / 2, "c01_mpa": 0.0, "poisson": POISSON}
+            for name, shear in TISSUES.values()}
+    scene = {"mesh": name + ".vtu", "model": "nonlinear", "skin_element": "wedge", "locking": locking, "materials": laws,
              "segments": {str(s): {"translation_mm": t} for s, t in moved.items()}, "steps": 1}
     with open(f"{path}-{locking}.json", "w") as file:
         json.dump(scene, file)

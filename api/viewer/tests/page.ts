@@ -91,6 +91,34 @@ export class Viewer {
     return this.page.locator(`.job.chosen[data-job="${id}"]`);
   }
 
+  /**
+   * Answers as if the solve `from` still ran, missed its budget, and were continued by the solve `to`. Whether a real solve misses its
+   * budget depends on the machine.
+   */
+  async pretendContinuation(session: string, from: string, to: string): Promise<void> {
+    let ended = false;
+    const patched = (job: { id: string }) => {
+      if (job.id === to) return { ...job, continues: from };
+      return job.id === from ? { ...job, ...(ended ? { continued_by: to } : { status: "running", step: 0 }) } : job;
+    };
+    await this.page.route(`**/v1/sessions/${session}`, async (route) => {
+      const response = await route.fetch();
+      const view = (await response.json()) as { jobs: { id: string }[] };
+      const jobs = view.jobs.filter((job) => ended || job.id !== to).map(patched);
+      await route.fulfill({ response, json: { ...view, jobs } });
+    });
+    await this.page.route(new RegExp(`/v1/jobs/(${from}|${to})$`), async (route) => {
+      const response = await route.fetch();
+      await route.fulfill({ response, json: patched((await response.json()) as { id: string }) });
+    });
+    await this.page.route(`**/v1/jobs/${from}/events`, async (route) => {
+      const response = await route.fetch();
+      const body = (await response.text()).replace(/("event":"end",.*"data":\{)|("data":\{)(?=.*"event":"end")/, `$1$2"continued_by":"${to}",`);
+      ended = true;
+      await route.fulfill({ response, body });
+    });
+  }
+
   /** Numbers of the movement panel. */
   async movement(): Promise<{ forward: string; down: string }> {
     return { forward: await this.page.getByLabel("Forward, mm").inputValue(), down: await this.page.getByLabel("Down, mm").inputValue() };

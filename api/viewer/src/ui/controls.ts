@@ -61,7 +61,7 @@ function colours(app: App): TemplateResult {
   if (comparison?.isComparable) options.push(["distance", "distance to B", true]);
   return html`<label class="choice">Colours
     <select name="colour" @change=${(event: Event) => app.display({ colour: valueOf(event) as ColourMode })}>
-      ${options.map(([mode, label, usable]) => html`<option value=${mode} ?selected=${mode === display.colour} ?disabled=${!usable}>${label}</option>`)}
+      ${options.map(([mode, label, usable]) => html`<option value=${mode} .selected=${live(mode === display.colour)} ?disabled=${!usable}>${label}</option>`)}
     </select>
   </label>`;
 }

@@ -25,6 +25,11 @@ export function exactly(iso: string): string {
   return new Date(iso).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "medium" });
 }
 
+/** Time of day of the reader, with seconds. */
+export function timeOf(iso: string): string {
+  return new Date(iso).toLocaleTimeString(undefined, { timeStyle: "medium" });
+}
+
 /** Remaining time, s. */
 export function remaining(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined) return "";

@@ -1,5 +1,6 @@
 import { html, nothing } from "lit-html";
 import type { TemplateResult } from "lit-html";
+import { live } from "lit-html/directives/live.js";
 import { hasEnded } from "@prosopon/client";
 import type { JobView } from "@prosopon/client";
 import type { App } from "../actions/app.ts";
@@ -20,7 +21,7 @@ export function header(app: App): TemplateResult {
     <label class="compact">
       Colours
       <select @change=${(event: Event) => setTheme(app, (event.target as HTMLSelectElement).value as Theme)}>
-        ${THEMES.map((name) => html`<option value=${name} ?selected=${name === theme}>${name}</option>`)}
+        ${THEMES.map((name) => html`<option value=${name} .selected=${live(name === theme)}>${name}</option>`)}
       </select>
     </label>
     ${tokenField(app)}

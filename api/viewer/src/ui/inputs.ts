@@ -1,5 +1,6 @@
 import { html, nothing } from "lit-html";
 import type { TemplateResult } from "lit-html";
+import { live } from "lit-html/directives/live.js";
 import type { App } from "../actions/app.ts";
 import { addFiles, buildField, removeUpload, setRole } from "../actions/inputs.ts";
 import { partState } from "../model/state.ts";
@@ -64,7 +65,7 @@ function uploadRow(app: App, upload: Upload): TemplateResult {
     <select aria-label="What ${file.name} is" ?disabled=${state === "sending" || state === "reading"}
       @change=${(event: Event) => setRole(app, upload.id, valueOf(event) as FileRole)}>
       ${role === undefined ? html`<option value="" selected disabled>Choose…</option>` : nothing}
-      ${ROLES.map(([name, label]) => html`<option value=${name} ?selected=${name === role}>${label}</option>`)}
+      ${ROLES.map(([name, label]) => html`<option value=${name} .selected=${live(name === role)}>${label}</option>`)}
     </select>
     ${state === "sending" || state === "reading" ? nothing : html`<button class="quiet" aria-label="Remove ${file.name} from this list" @click=${() => removeUpload(app, upload.id)}>✕</button>`}
     ${state === "sending" ? html`<progress max=${file.size} value=${sent} aria-label="Upload of ${file.name}"></progress>` : nothing}

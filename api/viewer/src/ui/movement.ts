@@ -57,7 +57,7 @@ function motionFields(app: App, cut: Cut, motion: Motion): TemplateResult {
   return html`
     <label>This segment
       <select @change=${(event: Event) => set({ kind: valueOf(event) as MotionKind })}>
-        ${KINDS.map(([kind, label]) => html`<option value=${kind} ?selected=${kind === motion.kind}>${label}</option>`)}
+        ${KINDS.map(([kind, label]) => html`<option value=${kind} .selected=${live(kind === motion.kind)}>${label}</option>`)}
       </select>
     </label>
     ${motion.kind === "free" || motion.kind === "rest" ? freeFields(app, motion, set) : nothing}
@@ -96,7 +96,7 @@ function pivotFields(app: App, motion: Motion, set: SetMotion): TemplateResult {
   const labels: Record<string, string> = { centroid: "centre of the segment", point: "a point" };
   return html`<label>Turns about
       <select @change=${(event: Event) => choose(valueOf(event))}>
-        ${names.map((name) => html`<option value=${name} ?selected=${name === motion.pivotName}>${labels[name] ?? words(name)}</option>`)}
+        ${names.map((name) => html`<option value=${name} .selected=${live(name === motion.pivotName)}>${labels[name] ?? words(name)}</option>`)}
       </select>
     </label>
     ${motion.pivotName === "point" ? pivotPoint(motion, set) : nothing}`;
@@ -124,7 +124,7 @@ function followsField(cut: Cut, motion: Motion, set: SetMotion): TemplateResult 
   const others = cut.view.segments.filter(({ id }) => id !== 0 && id !== cut.selected);
   return html`<label>Upper jaw
     <select @change=${(event: Event) => set({ follows: Number(valueOf(event)) })}>
-      ${others.map((segment) => html`<option value=${segment.id} ?selected=${segment.id === motion.follows}>${segmentName(segment)}</option>`)}
+      ${others.map((segment) => html`<option value=${segment.id} .selected=${live(segment.id === motion.follows)}>${segmentName(segment)}</option>`)}
     </select>
   </label>
   <p class="note">The picture shows it after planning.</p>`;

@@ -1,5 +1,6 @@
 import { html, nothing } from "lit-html";
 import type { TemplateResult } from "lit-html";
+import { live } from "lit-html/directives/live.js";
 import { hasEnded } from "@prosopon/client";
 import type { JobView } from "@prosopon/client";
 import type { App } from "../actions/app.ts";
@@ -9,7 +10,7 @@ import { openReport, predict } from "../actions/solve.ts";
 import { finishedSolves } from "../model/jobs.ts";
 import type { SolveForm } from "../model/state.ts";
 import { findingList } from "./findings.ts";
-import { exactly, remaining, shortMm, stateMark, words } from "./format.ts";
+import { exactly, remaining, shortMm, stateMark, timeOf, words } from "./format.ts";
 import { panel, valueOf } from "./panel.ts";
 
 const MODELS: [string, string][] = [
@@ -30,7 +31,7 @@ export function predictionPanel(app: App): TemplateResult {
       <label>Edge length, mm<input name="edge" type="number" min="1" step="0.5" placeholder="default" .value=${solve.edgeMm} @change=${(event: Event) => set({ edgeMm: valueOf(event) })} /></label>
       <label>Model
         <select @change=${(event: Event) => set({ model: valueOf(event) })}>
-          ${MODELS.map(([name, label]) => html`<option value=${name} ?selected=${name === solve.model}>${label}</option>`)}
+          ${MODELS.map(([name, label]) => html`<option value=${name} .selected=${live(name === solve.model)}>${label}</option>`)}
         </select>
       </label>
     </div>
@@ -48,7 +49,7 @@ function referenceField(app: App, set: (patch: Partial<SolveForm>) => void): Tem
   return html`<label>Signed error against
     <select @change=${(event: Event) => set({ referenceJob: valueOf(event) })}>
       <option value="">the target, if there is one</option>
-      ${solves.map((job) => html`<option value=${job.id} ?selected=${job.id === app.state.solve.referenceJob}>prediction of ${exactly(job.created_at)}</option>`)}
+      ${solves.map((job) => html`<option value=${job.id} .selected=${live(job.id === app.state.solve.referenceJob)}>prediction of ${exactly(job.created_at)}</option>`)}
     </select>
   </label>`;
 }
@@ -61,8 +62,8 @@ function comparisonFields(app: App): TemplateResult | typeof nothing {
   const choose = (id: string) => (id === "" ? closeComparison(app) : void compareWith(app, id));
   return html`<label>Compare the shown prediction with
       <select name="compare" @change=${(event: Event) => choose(valueOf(event))}>
-        <option value="" ?selected=${comparedSolve === undefined}>none</option>
-        ${others.map((job) => html`<option value=${job.id} ?selected=${job.id === comparedSolve}>prediction of ${exactly(job.created_at)}</option>`)}
+        <option value="" .selected=${live(comparedSolve === undefined)}>none</option>
+        ${others.map((job) => html`<option value=${job.id} .selected=${live(job.id === comparedSolve)}>prediction of ${exactly(job.created_at)}</option>`)}
       </select>
     </label>
     ${distanceNote(app)}`;
@@ -107,10 +108,10 @@ function row(app: App, job: JobView): TemplateResult {
 function continuation(app: App, job: JobView): TemplateResult | typeof nothing {
   const time = (id: string) => {
     const other = app.state.jobs.find((known) => known.id === id);
-    return other ? ` of ${exactly(other.created_at)}` : "";
+    return other && timeOf(other.created_at);
   };
-  if (job.continued_by) return html`<p class="note">Missed the error of its budget; the prediction${time(job.continued_by)} continues it.</p>`;
-  if (job.continues) return html`<p class="note">Continues the prediction${time(job.continues)} with a better setting.</p>`;
+  if (job.continued_by) return html`<p class="note">Missed its budget; continued at ${time(job.continued_by) ?? "a later time"}.</p>`;
+  if (job.continues) return html`<p class="note">Continues ${time(job.continues) ?? "an earlier one"} with a better setting.</p>`;
   return nothing;
 }
 

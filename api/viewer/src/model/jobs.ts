@@ -1,0 +1,17 @@
+import { hasEnded } from "@prosopon/client";
+import type { JobView } from "@prosopon/client";
+
+/** The newest solve that has a skin or is on its way; `jobs` has the newest first. */
+export function newestSolve(jobs: readonly JobView[]): JobView | undefined {
+  return jobs.find((job) => job.kind === "solve" && (job.step > 0 || !hasEnded(job.status)));
+}
+
+/** Solves that have succeeded. */
+export function finishedSolves(jobs: readonly JobView[]): JobView[] {
+  return jobs.filter((job) => job.kind === "solve" && job.status === "succeeded");
+}
+
+/** The plan that a solve follows; else the newest. `plans` has the newest first. */
+export function planFor<T extends { id: string }>(solve: JobView | undefined, plans: readonly T[]): T | undefined {
+  return plans.find((plan) => plan.id === solve?.plan) ?? plans[0];
+}

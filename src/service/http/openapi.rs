@@ -108,6 +108,10 @@ fn say_binary(operation: &mut Operation) {
     for response in operation.responses.responses.values_mut() {
         if let RefOr::T(response) = response {
             response.content.iter_mut().for_each(|(media_type, content)| say(media_type, content));
+            // The data of a Server-Sent Event are a text, which a schema would have to describe; `JobEvent` does for lines.
+            if let Some(RefOr::T(stream)) = response.content.get_mut("text/event-stream") {
+                stream.schema = None;
+            }
         }
     }
 }

@@ -3880,7 +3880,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": components["schemas"]["JobEvent"];
+                    "text/event-stream": unknown;
                     "application/x-ndjson": components["schemas"]["JobEventLine"];
                 };
             };

@@ -19,9 +19,12 @@ export async function openCuts(app: App): Promise<void> {
     signal.throwIfAborted();
     app.set({ osteotomies: newestFirst(osteotomies) });
     const solve = newestSolve(app.state.jobs);
-    const named = plans.find((plan) => plan.id === solve?.plan)?.osteotomy;
-    const view = app.state.osteotomies.find(({ id }) => id === named) ?? app.state.osteotomies[0];
-    if (view) await showCut(app, view, planFor(solve, newestFirst(plans).filter((plan) => plan.osteotomy === view.id)));
+    const newest = app.state.osteotomies[0];
+    const shown = planFor(solve, solve ? plans : newestFirst(plans).filter((plan) => plan.osteotomy === newest?.id));
+    // Beside a prediction whose plan was deleted, bone at any other place would be wrong.
+    if (solve && !shown) return;
+    const view = shown ? app.state.osteotomies.find(({ id }) => id === shown.osteotomy) : newest;
+    if (view) await showCut(app, view, shown);
   });
 }
 

@@ -7,7 +7,7 @@ const solve = (id: string, patch: Partial<JobView> = {}) => ({ id, kind: "solve"
 test("a solve takes the plan that it names, not the newest one", () => {
   const plans = [{ id: "new" }, { id: "old" }];
   expect(planFor(solve("a", { plan: "old" }), plans)).toBe(plans[1]);
-  expect(planFor(solve("a", { plan: "deleted" }), plans)).toBe(plans[0]);
+  expect(planFor(solve("a", { plan: "deleted" }), plans)).toBeUndefined();
   expect(planFor(undefined, plans)).toBe(plans[0]);
 });
 

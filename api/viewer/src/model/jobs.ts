@@ -11,7 +11,7 @@ export function finishedSolves(jobs: readonly JobView[]): JobView[] {
   return jobs.filter((job) => job.kind === "solve" && job.status === "succeeded");
 }
 
-/** The plan that a solve follows; else the newest. `plans` has the newest first. */
+/** The plan that a solve follows, if it is still there; without a solve the newest. `plans` has the newest first. */
 export function planFor<T extends { id: string }>(solve: JobView | undefined, plans: readonly T[]): T | undefined {
-  return plans.find((plan) => plan.id === solve?.plan) ?? plans[0];
+  return solve ? plans.find((plan) => plan.id === solve.plan) : plans[0];
 }

@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use axum::body::{Body, Bytes};
-use axum::http::Method;
-use serde_json::json;
+use axum::http::{Method, StatusCode};
+use serde_json::{Value, json};
 
 use crate::support::app::TestApp;
 use crate::support::binary::{Server, serve};
@@ -52,7 +52,7 @@ async fn an_unreadable_parameter_is_refused_with_its_pointer() {
     let slice = format!("{}/field/slice.png", app.session().await);
     for (path, name, detail) in [
         ("/v1/sessions?limit=many", "/limit", "expected a whole number within range"),
-        ("/v1/sessions?colour=red", "/colour", "unknown field `colour`, expected `before` or `limit`"),
+        ("/v1/sessions?colour=red", "/colour", "unknown parameter `colour`, allowed are `before`, `limit`"),
         ("/v1/jobs?session=x", "/session", "expected a UUID"),
         ("/v1/jobs?status=x", "/status", "`x` is not the status of a job"),
         (&format!("{slice}?axis=q&offset_mm=0"), "/axis", "unknown value `q`, expected one of `x`, `y`, `z`"),
@@ -220,4 +220,27 @@ fn peak_memory(server: &Server) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", server.child.id())).unwrap_or_default();
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap_or_default();
     line.trim().trim_end_matches(" kB").parse::<u64>().unwrap_or(0) * 1024
+}
+
+/// A misspelt parameter would be left out in silence.
+#[tokio::test]
+async fn unknown_query_parameters_are_refused_by_every_route() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let nil = "00000000-0000-0000-0000-000000000000";
+    let api: Value = serde_json::from_str(include_str!("../../api/openapi.json")).unwrap();
+    for (path, item) in api["paths"].as_object().unwrap().iter().filter(|(path, _)| path.starts_with("/v1/")) {
+        let path = path.replace("/v1/sessions/{session}", &session).replace("{k}", "1").replace("{segment}", "1");
+        let path = ["{job}", "{osteotomy}", "{plan}"].iter().fold(path, |path, id| path.replace(id, nil));
+        // An unknown job is not found before its query is read.
+        for method in
+            item.as_object().unwrap().keys().filter(|_| !path.contains("/v1/jobs/") && !path.contains("compare/"))
+        {
+            let method = method.to_uppercase().parse().unwrap();
+            let refused = app.call(method, &format!("{path}?fromat=ply"), &[], Body::empty()).await;
+            let problem = refused.problem(400, "malformed-request");
+            assert_eq!(problem["errors"][0]["pointer"], "/fromat", "{path}: {problem}");
+        }
+    }
+    assert_eq!(app.get(&session).await.status, StatusCode::OK);
 }

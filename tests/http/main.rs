@@ -19,6 +19,7 @@ mod hostile_requests;
 mod idempotency;
 mod injected_store_faults;
 mod kill_nine;
+mod links;
 mod lost_directory;
 mod openapi;
 mod operator_commands;

@@ -24,7 +24,7 @@ const KEY: &[u8] = include_bytes!("../data/tls/key.pem");
 const OTHER_KEY: &[u8] = include_bytes!("../data/tls/other-key.pem");
 
 /// Starts a service with two tenants; returns their tokens.
-async fn two_tenants() -> (TestApp, String, String) {
+pub(crate) async fn two_tenants() -> (TestApp, String, String) {
     let (mut keys, mut tokens) = (Vec::new(), Vec::new());
     for (id, tenant) in [("front-a", "a"), ("front-b", "b")] {
         let new = new_key(id).unwrap();
@@ -38,7 +38,7 @@ async fn two_tenants() -> (TestApp, String, String) {
     (app, a, b)
 }
 
-async fn call(app: &TestApp, token: &str, method: Method, path: &str, body: Value) -> Answer {
+pub(crate) async fn call(app: &TestApp, token: &str, method: Method, path: &str, body: Value) -> Answer {
     let authorization = format!("Bearer {token}");
     let headers = [("authorization", authorization.as_str()), ("content-type", "application/json")];
     let body = if body.is_null() { Body::empty() } else { body.to_string().into() };

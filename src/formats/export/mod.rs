@@ -5,7 +5,9 @@
 
 mod error;
 mod glb;
+mod glb_body;
 mod nifti;
+mod path_glb;
 mod ply;
 mod stl;
 #[cfg(test)]
@@ -17,6 +19,7 @@ mod vtu;
 pub use error::ExportError;
 pub use glb::glb;
 pub use nifti::nifti_gz;
+pub use path_glb::{PathStep, PathView, path_glb};
 pub use ply::ply;
 pub use stl::stl;
 pub use view::SurfaceView;

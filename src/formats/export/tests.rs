@@ -196,3 +196,62 @@ fn vtu_describes_its_arrays_where_they_are() {
     check("a &lt; &quot;b&quot; &amp; c", "Float64", "3", float64(&values));
     check("tissue", "Float64", "1", float64(&[1.0, 2.0]));
 }
+
+/// Every step of the path, read back through the quantised positions and the node's matrix, is the surface that was given.
+#[test]
+fn the_morph_targets_of_a_path_lead_to_its_steps() {
+    let rest = ball();
+    let moved = |by: f64| {
+        let mut positions = rest.positions().to_vec();
+        positions[0] += prosopon_geometry::Vector::new(by, -0.5 * by, 0.1);
+        rest.with_positions(positions).unwrap()
+    };
+    let step = |time_s: f64, by: f64| PathStep { name: format!("to {by}"), time_s, moved: moved(by) };
+    // At the last step nothing differs from rest, as a target without vertices.
+    let steps =
+        [step(1.0, 3.0), step(2.0, 6.0), PathStep { name: "back".to_owned(), time_s: 4.0, moved: rest.clone() }];
+    let colours = [[10, 20, 30]; 8];
+    let path = PathView { rest: &rest, steps: &steps, colours: Some(&colours), extras: r#"{"length_unit": "mm"}"# };
+    let bytes = path_glb(&path);
+    let (root, body) = glb_parts(&bytes);
+    let mut faults = Vec::new();
+    root.validate(&root, gltf_json::Path::new, &mut |path, error| faults.push(format!("{} {error:?}", path())));
+    // The crate knows no quantised positions.
+    assert!(faults.iter().all(|f| f.contains("extensionsRequired")), "{faults:?}");
+
+    let shorts = |view: usize, stride: usize| -> Vec<[f64; 3]> {
+        let view = &root.buffer_views[view];
+        let start = view.byte_offset.unwrap().0 as usize;
+        let bytes = &body[start..start + view.byte_length.0 as usize];
+        let short = |at: &[u8], i: usize| f64::from(i16::from_le_bytes([at[2 * i], at[2 * i + 1]]));
+        bytes.chunks(stride).filter(|c| c.len() >= 6).map(|c| [short(c, 0), short(c, 1), short(c, 2)]).collect()
+    };
+    let primitive = &root.meshes[0].primitives[0];
+    let base = root.accessors[primitive.attributes[&Checked::Valid(Semantic::Positions)].value()].clone();
+    let base = shorts(base.buffer_view.unwrap().value(), 8);
+    let matrix = root.nodes[0].matrix.unwrap().map(f64::from);
+    let metres =
+        |p: &[f64; 3]| [0, 1, 2].map(|r: usize| (0..3).map(|c| matrix[4 * c + r] * p[c]).sum::<f64>() + matrix[12 + r]);
+    let near = |found: [f64; 3], p: &Point| {
+        let expected = [1e-3 * p.x, 1e-3 * p.z, -1e-3 * p.y];
+        // Half of a step along each axis, which is 53 mm / 32 766, and the rounding of the matrix.
+        (0..3).all(|i| (found[i] - expected[i]).abs() < 0.9e-6)
+    };
+    assert!(base.iter().zip(rest.positions()).all(|(whole, p)| near(metres(whole), p)));
+    let targets = primitive.targets.as_ref().unwrap();
+    for (target, step) in targets.iter().zip(&steps).take(2) {
+        let sparse = root.accessors[target.positions.unwrap().value()].sparse.as_ref().unwrap();
+        let numbers = &root.buffer_views[sparse.indices.buffer_view.value()];
+        let start = numbers.byte_offset.unwrap().0 as usize;
+        let by = shorts(sparse.values.buffer_view.value(), 6);
+        // Vertex 0 moves; the others of its triangles at most turn their normals.
+        assert!((2..=7).contains(&sparse.count.0) && body[start..start + 2] == [0, 0], "{}", sparse.count.0);
+        let whole = [0, 1, 2].map(|i: usize| base[0][i] + by[0][i]);
+        assert!(near(metres(&whole), &step.moved.positions()[0]));
+        assert!(by[1..].iter().all(|d| *d == [0.0; 3]));
+    }
+    let still = root.accessors[targets[2].positions.unwrap().value()].sparse.as_ref().unwrap();
+    assert_eq!((still.count.0, shorts(still.values.buffer_view.value(), 6)), (1, vec![[0.0; 3]]));
+    assert_eq!(root.animations[0].channels.len(), 1);
+    assert_eq!(root.meshes[0].weights, Some(vec![0.0; 3]));
+}

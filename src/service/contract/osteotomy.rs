@@ -66,6 +66,21 @@ impl From<TemplateName> for Template {
     }
 }
 
+impl From<Template> for TemplateName {
+    fn from(template: Template) -> Self {
+        match template {
+            Template::LeFort1 => Self::LeFort1,
+            Template::LeFort2 => Self::LeFort2,
+            Template::LeFort3 => Self::LeFort3,
+            Template::BssoLeft => Self::BssoLeft,
+            Template::BssoRight => Self::BssoRight,
+            Template::Genioplasty => Self::Genioplasty,
+            Template::TwoPieceMaxilla => Self::TwoPieceMaxilla,
+            Template::Mandible => Self::Mandible,
+        }
+    }
+}
+
 /// A template of cuts, placed by landmarks.
 ///
 /// Landmarks that the request lacks are taken from the session. Landmarks that the session lacks too are proposed from the

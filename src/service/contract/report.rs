@@ -55,6 +55,7 @@ pub struct ReportDocument {
     /// Mechanical model that was used.
     pub model: String,
     /// Steps, materials and attachment as used.
+    #[schema(value_type = Object)]
     pub parameters: serde_json::Value,
     /// Input parts by name.
     pub inputs: BTreeMap<String, ReportInput>,

@@ -4,7 +4,7 @@ use std::time::Duration;
 use axum::extract::FromRef;
 use metrics_exporter_prometheus::PrometheusHandle;
 
-use super::auth::Access;
+use super::auth::{Access, Links};
 use prosopon_jobs::Service;
 
 /// Limits of requests.
@@ -55,6 +55,8 @@ pub struct AppState {
     pub allowed_hosts: Arc<[String]>,
     /// Whether requests need a bearer token.
     pub access: Access,
+    /// Signs links that need no token, and checks them.
+    pub links: Links,
     /// Origins whose pages can use the service (CORS).
     pub origins: Arc<[String]>,
     /// Whether clients connect by TLS.

@@ -23,7 +23,7 @@ use tokio::task::JoinHandle;
 
 use self::connection_limits::LimitingAcceptor;
 use crate::config::{ConfigError, ConnectionLimits, ServeConfig};
-use crate::http::auth::{Access, AuthError, Authenticator};
+use crate::http::auth::{Access, AuthError, Authenticator, Links};
 use crate::http::{AppState, app, worker_app};
 use crate::telemetry;
 use prosopon_contract::Fault;
@@ -196,6 +196,7 @@ async fn state_over(config: &ServeConfig, store: Store, engine: Arc<dyn Engine>)
         metrics: telemetry::start_metrics(),
         allowed_hosts: config.allowed_hosts.clone().into(),
         access,
+        links: Links::default(),
         origins: config.origins.clone().into(),
         tls: config.tls.is_some(),
     })

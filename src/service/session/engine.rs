@@ -81,6 +81,12 @@ pub trait Engine: Debug + Send + Sync {
     /// [`Halt`].
     fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt>;
 
+    /// The cuts that [`Self::cut`] would make, and warnings about where they are.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn place(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Vec<Cut>, Vec<Warning>), Halt>;
+
     /// Proposes landmarks from the surfaces of skin and skull.
     fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal;
 

@@ -85,6 +85,16 @@ impl Numerics {
         Ok(built)
     }
 
+    /// The cuts of the templates of a request, and all of its cuts: those of its templates, then its own.
+    fn placed(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(TemplateCuts, Vec<Cut>), Halt> {
+        let bone = self.envelope_of(case, control)?;
+        let anatomy = &case.anatomy;
+        let templates =
+            TemplateCuts::place(&cuts.templates, &anatomy.skin, &anatomy.skull, &bone).map_err(template_fault)?;
+        let all = templates.cuts.iter().chain(&cuts.cuts).cloned().collect();
+        Ok((templates, all))
+    }
+
     /// The osteotomy with the names of its segments.
     fn osteotomy_of(&self, case: &Case, cuts: &[Cut], control: &Control) -> Result<Arc<Osteotomy>, Halt> {
         let (midline_x_mm, occlusal_z_mm) = (case.midline_x_mm, case.occlusal_z_mm);
@@ -221,11 +231,7 @@ impl Engine for Numerics {
     }
 
     fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
-        let bone = self.envelope_of(case, &control.stage(0.0, 0.5))?;
-        let anatomy = &case.anatomy;
-        let templates =
-            TemplateCuts::place(&cuts.templates, &anatomy.skin, &anatomy.skull, &bone).map_err(template_fault)?;
-        let all: Vec<Cut> = templates.cuts.iter().chain(&cuts.cuts).cloned().collect();
+        let (templates, all) = self.placed(case, cuts, &control.stage(0.0, 0.5))?;
         let cut = self.osteotomy_of(case, &all, &control.stage(0.5, 1.0));
         let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, &templates))?);
         let warnings = templates.warnings(&osteotomy);
@@ -246,6 +252,11 @@ impl Engine for Numerics {
             }
         }
         Ok((osteotomy, clearances))
+    }
+
+    fn place(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Vec<Cut>, Vec<Warning>), Halt> {
+        let (templates, all) = self.placed(case, cuts, control)?;
+        Ok((all, templates.placing_warnings()))
     }
 
     fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal {

@@ -61,7 +61,7 @@ pub use mesh_blob::{decode_mesh, encode_mesh};
 pub use meta::MetaStore;
 pub use part::{PartKind, PartRecord};
 pub use plan::{OsteotomyRecord, PlanRecord};
-pub use records::{later, now_rfc3339, sha256_hex};
+pub use records::{later, now_rfc3339, rfc3339, sha256_hex};
 pub use scrub::{ScrubReport, scrub};
 pub use session::{Owner, SessionContents, SessionRecord};
 pub use step::{StepRecord, StepWritten};

@@ -241,6 +241,9 @@ pub trait MetaStore: Debug + Send + Sync {
     /// The name of this database, which its bucket also stores; set to `fresh` when there is none.
     async fn name(&self, fresh: &str) -> Result<String>;
 
+    /// The secret that signs links to single results; set to `fresh` when there is none.
+    async fn link_key(&self, fresh: &str) -> Result<String>;
+
     /// Whether no process has begun a maintenance round for the time `every`.
     ///
     /// If so, records that the caller begins one.

@@ -30,7 +30,7 @@ pub fn later(time: &str, after: Duration) -> Option<String> {
 }
 
 /// All times have the same length, so they sort as text.
-fn rfc3339(time: OffsetDateTime) -> String {
+pub fn rfc3339(time: OffsetDateTime) -> String {
     const FORM: &[BorrowedFormatItem<'_>] =
         format_description!("[year]-[month]-[day]T[hour]:[minute]:[second].[subsecond digits:3]Z");
     time.format(FORM).unwrap_or_default()

@@ -196,6 +196,14 @@ impl Store {
         self.meta.contents(sessions, jobs).await
     }
 
+    /// The secret that signs links to single results, shared by all processes; set to `fresh` when there is none.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn link_key(&self, fresh: &str) -> Result<String> {
+        self.meta.link_key(fresh).await
+    }
+
     /// Owner of a session or job, also of a deleted one.
     ///
     /// `None` when the id was never used or its tombstone has expired.

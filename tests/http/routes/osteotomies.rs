@@ -46,6 +46,31 @@ async fn a_template_takes_the_sessions_landmarks() {
 }
 
 #[tokio::test]
+async fn a_preview_shows_the_cuts_that_a_request_would_make() {
+    let app = TestApp::new().await;
+    let session = app.session_with_field().await;
+    let templates = app.get("/v1/templates").await.ok();
+    assert_eq!(templates["templates"].as_array().unwrap().len(), 8);
+    assert_eq!(
+        templates["templates"][5],
+        json!({"name": "genioplasty", "needs": ["pogonion", "menton"], "improved_by": []})
+    );
+    let path = format!("{session}/osteotomies");
+    let request = json!({"template": {"name": "le_fort_1", "plane": {"point_mm": [6, -60, 38], "normal": [0, 0, 1]}},
+        "cuts": plane(3.0)["cuts"]});
+    let preview = app.post(&format!("{path}/preview"), request.clone()).await;
+    assert_eq!(preview.status, StatusCode::OK);
+    let made = app.post(&path, request).await.ok();
+    assert_eq!(preview.json()["cuts"], made["cuts"]);
+    let again = app.post(&path, json!({"cuts": preview.json()["cuts"]})).await.ok();
+    assert_eq!((&again["cuts"], &again["segments"]), (&made["cuts"], &made["segments"]));
+    // The same faults, at the same places, and nothing is stored.
+    let far = json!({"template": {"name": "le_fort_1", "midline_x_mm": 1e6}});
+    assert_eq!(pointers(&app.post(&format!("{path}/preview"), far).await), ["/template/midline_x_mm"]);
+    assert_eq!(app.get(&path).await.ok()["osteotomies"].as_array().unwrap().len(), 2);
+}
+
+#[tokio::test]
 async fn unusable_cuts_are_refused() {
     let app = TestApp::new().await;
     let path = format!("{}/osteotomies", app.session().await);

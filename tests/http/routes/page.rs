@@ -16,6 +16,17 @@ async fn the_start_page_is_the_viewer_or_says_how_to_get_it() {
 }
 
 #[tokio::test]
+async fn a_problem_names_a_page_that_explains_it() {
+    let app = TestApp::new().await;
+    let problem = app.get("/v1/jobs/nothing").await.problem(404, "not-found");
+    let page = app.get(problem["type"].as_str().unwrap()).await;
+    assert!(page.header("content-type").starts_with("text/html"));
+    let text = String::from_utf8(page.body.to_vec()).unwrap();
+    assert!(text.contains("<h2>not-found</h2>") && text.contains("<li>Client:"), "{text}");
+    app.get("/problems/%3Cscript%3E").await.problem(404, "not-found");
+}
+
+#[tokio::test]
 async fn every_link_of_the_start_page_is_answered() {
     let app = TestApp::new().await;
     let page = String::from_utf8(app.get("/").await.body.to_vec()).unwrap();

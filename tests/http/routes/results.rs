@@ -160,3 +160,28 @@ fn the_first_frame_arrives_before_the_last_step_is_solved() {
     }
     server.post(&format!("{own}/cancel"), &json!({})).ok();
 }
+
+#[tokio::test]
+async fn a_path_is_one_animated_file_and_frames_come_in_short() {
+    let app = TestApp::new().await;
+    let (_, _, job) = solved(&app, json!({"steps": 2})).await;
+    let path = app.get(&format!("{job}/path.glb")).await;
+    assert_eq!((path.status, path.header("content-type")), (StatusCode::OK, "model/gltf-binary"));
+    let length = u32::from_le_bytes(path.body[12..16].try_into().unwrap()) as usize;
+    let root: Value = serde_json::from_slice(&path.body[20..20 + length]).unwrap();
+    assert_eq!(root["meshes"][0]["extras"]["targetNames"], json!(["step 1 (t = 0.5)", "step 2 (t = 1)"]));
+    assert_eq!(root["scenes"][0]["extras"]["path_parameters"], json!([0.5, 1.0]));
+    assert_eq!(root["scenes"][0]["extras"]["colour"]["shows"], "displacement_mm");
+    let plain = app.get(&format!("{job}/path.glb?colour=none")).await;
+    assert!(plain.body.len() < path.body.len() && plain.header("etag") != path.header("etag"));
+    app.get(&format!("{job}/path.glb?colour=error")).await.problem(404, "no-reference");
+
+    let (rest, frame) = (format!("{job}/steps/0/frame"), format!("{job}/steps/2/frame"));
+    let (rest, exact) = (floats(&app.get(&rest).await.body), floats(&app.get(&frame).await.body));
+    let short = app.get(&format!("{frame}?numbers=int16")).await;
+    let step = f32::from_le_bytes(short.body[..4].try_into().unwrap());
+    let moved = short.body[4..].as_chunks::<2>().0.iter().map(|b| f32::from(i16::from_le_bytes(*b)) * step);
+    assert_eq!(short.body.len(), 4 + 2 * 3 * (exact.len() / 4));
+    // Half a step, and the rounding of positions of some 100 mm.
+    assert!(moved.zip(rest.iter().zip(&exact)).all(|(d, (from, to))| (from + d - to).abs() < 0.5 * step + 1e-4));
+}

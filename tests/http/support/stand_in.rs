@@ -179,7 +179,7 @@ impl Engine for StandIn {
         Ok(points.iter().map(settled).collect())
     }
 
-    fn cut(&self, _: &Case, cuts: &Cuts, _: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
+    fn place(&self, _: &Case, cuts: &Cuts, _: &Control) -> Result<(Vec<Cut>, Vec<Warning>), Halt> {
         self.planted()?;
         let mut all = Vec::new();
         for call in &cuts.templates {
@@ -200,6 +200,11 @@ impl Engine for StandIn {
             all.push(Cut::from(BoundedPlane { point, normal, bounds: None }));
         }
         all.extend(cuts.cuts.iter().cloned());
+        Ok((all, Vec::new()))
+    }
+
+    fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
+        let (all, _) = self.place(case, cuts, control)?;
         for (cut, asked) in all.iter().enumerate() {
             let CutShape::Plane(plane) = &asked.shape else { continue };
             let distance_mm = plane.point.z.abs() - 60.0;

@@ -65,6 +65,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/problems/{kind}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Explain a problem
+         * @description Returns the page that the `type` of a problem names: what is wrong, and what client and operator can do.
+         */
+        get: operations["getProblemPage"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/readyz": {
         parameters: {
             query?: never;
@@ -219,6 +239,27 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/jobs/{job}/path.glb": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read the whole path as one animated file
+         * @description Returns a GLB with one morph target for each step that is solved, and an animation that plays the path in four seconds. The
+         *     scene's `extras` name units, steps and colours. `api/frames.md` describes it.
+         */
+        get: operations["getPath"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/jobs/{job}/profile.svg": {
         parameters: {
             query?: never;
@@ -315,7 +356,7 @@ export interface paths {
         /**
          * Read the frame of a step
          * @description Returns the deformed skin as little-endian f32: positions, then scalars, as `api/frames.md` describes. Step 0 is the skin at
-         *     rest.
+         *     rest. `numbers=int16` gives displacements from rest in 16 bits.
          */
         get: operations["getStepFrame"];
         put?: never;
@@ -403,6 +444,27 @@ export interface paths {
         get: operations["getTopology"];
         put?: never;
         post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/links": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Make a link that needs no token
+         * @description Returns a link to one answer of a session or job, for `<img>`, `EventSource`, `<model-viewer>` and other readers that cannot
+         *     send a token. It is valid for minutes, for GET only, and every use is in the audit log.
+         */
+        post: operations["createLink"];
         delete?: never;
         options?: never;
         head?: never;
@@ -738,6 +800,27 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/sessions/{session}/osteotomies/preview": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Preview the cuts of an osteotomy
+         * @description Returns the cuts that the same request to `createOsteotomy` would make, without cutting or storing anything. Move them and
+         *     send them as `cuts`. The session needs skin and skull.
+         */
+        post: operations["previewOsteotomy"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/sessions/{session}/osteotomies/{osteotomy}": {
         parameters: {
             query?: never;
@@ -952,6 +1035,26 @@ export interface paths {
          * @description Solves of the session then use the mesh that the service builds.
          */
         delete: operations["deleteTissue"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/templates": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List osteotomy templates
+         * @description Returns all templates with the landmarks that they need, and those that improve their cuts.
+         */
+        get: operations["listTemplates"];
+        put?: never;
+        post?: never;
+        delete?: never;
         options?: never;
         head?: never;
         patch?: never;
@@ -1264,6 +1367,19 @@ export interface components {
             correspondence_mm?: (number | null)[] | null;
             /** @description Signed error of every prediction vertex, mm; `null` for vertices that do not count. */
             values_mm?: (number | null)[] | null;
+        };
+        /** @description Request for a link that needs no token. */
+        CreateLink: {
+            /**
+             * @description Path and query of a GET below `/v1/sessions/{session}` or `/v1/jobs/{job}`.
+             * @example /v1/jobs/019ac0de-0000-7000-8000-000000000001/steps/2/error.png
+             */
+            path: string;
+            /**
+             * Format: int32
+             * @description Time for which the link is valid, s, 1 to 3600; 300 when absent. A stream goes on after it.
+             */
+            valid_s?: number | null;
         };
         /** @description Request for an osteotomy: `template` or `templates`, `cuts`, or both. Cuts of templates come first. */
         CreateOsteotomy: {
@@ -1641,37 +1757,58 @@ export interface components {
         JobEvent: {
             /** @description The status has changed. */
             data: components["schemas"]["StatusEvent"];
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             event: "status";
         } | {
             /** @description The work has advanced. */
             data: components["schemas"]["ProgressEvent"];
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             event: "progress";
         } | {
             /** @description A step of a solve is stored. */
             data: components["schemas"]["StepEvent"];
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             event: "step";
         } | {
             /** @description A warning was found. */
             data: components["schemas"]["WarningDocument"];
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             event: "warning";
         } | {
             /** @description Earlier events are no longer stored: read the job. */
             data: components["schemas"]["ResyncEvent"];
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             event: "resync";
         } | {
             /** @description The job has ended. */
             data: components["schemas"]["EndEvent"];
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             event: "end";
         } | {
             /** @description Nothing has happened for a while. */
             data: components["schemas"]["NoData"];
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             event: "heartbeat";
         };
         /** @description A line of a stream of events. */
@@ -1886,6 +2023,13 @@ export interface components {
             /** @description Number of nodes of the mesh. */
             of_nodes: number;
         };
+        /** @description A link that needs no token. */
+        LinkView: {
+            /** @description End of its validity (RFC 3339). */
+            expires_at: string;
+            /** @description Path and query of the link, to be sent unchanged. Whoever has it can read this one answer. */
+            url: string;
+        };
         /**
          * @description Locking-free formulation of linear tetrahedra.
          * @enum {string}
@@ -1929,7 +2073,10 @@ export interface components {
              * @description C10, MPa.
              */
             c10_mpa: number;
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             law: "mooney_rivlin";
             /**
              * Format: double
@@ -1939,7 +2086,10 @@ export interface components {
             /** @description Volumetric energy; `logarithmic` when absent. */
             volumetric?: components["schemas"]["VolumetricName"];
         } | {
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             law: "neo_hookean";
             /**
              * Format: double
@@ -1969,7 +2119,10 @@ export interface components {
              * @description C3, MPa; 0 when absent.
              */
             c3_mpa?: number;
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             law: "yeoh";
             /**
              * Format: double
@@ -1984,7 +2137,10 @@ export interface components {
              * @description Exponent, not 0.
              */
             alpha: number;
-            /** @enum {string} */
+            /**
+             * @description Name of this variant.
+             * @enum {string}
+             */
             law: "ogden";
             /**
              * Format: double
@@ -2227,6 +2383,11 @@ export interface components {
         OsteotomyList: {
             /** @description The session's osteotomies. */
             osteotomies: components["schemas"]["OsteotomyView"][];
+        };
+        /** @description The cuts that a request for an osteotomy would make. */
+        OsteotomyPreview: components["schemas"]["Findings"] & {
+            /** @description The cuts of the templates, then those of the request: a request with these `cuts` and no template cuts the same. */
+            cuts: components["schemas"]["CutDocument"][];
         };
         /** @description A stored osteotomy: its cuts and the segments they make. */
         OsteotomyView: components["schemas"]["OsteotomyDocument"] & {
@@ -2768,7 +2929,7 @@ export interface components {
             /** @description Mechanical model that was used. */
             model: string;
             /** @description Steps, materials and attachment as used. */
-            parameters: unknown;
+            parameters: Record<string, never>;
             /** @description Computing time of each phase. */
             phases: components["schemas"]["PhasesDocument"];
             /** @description Plan with the paths of the bone. */
@@ -3357,6 +3518,11 @@ export interface components {
              */
             step?: number | null;
         };
+        /** @description All templates. */
+        TemplateList: {
+            /** @description The templates. */
+            templates: components["schemas"]["TemplateView"][];
+        };
         /**
          * @description Osteotomy templates.
          * @enum {string}
@@ -3391,6 +3557,15 @@ export interface components {
              */
             occlusal_plane_z_mm?: number | null;
             plane?: components["schemas"]["PlacedPlane"] | null;
+        };
+        /** @description A template and its landmarks. */
+        TemplateView: {
+            /** @description Points that improve its cuts where they are there. */
+            improved_by: string[];
+            /** @description Name of the template. */
+            name: components["schemas"]["TemplateName"];
+            /** @description Landmarks without which it cannot place its cuts: names of points, or `midline_x_mm`, `occlusal_plane_z_mm`, `le_fort_1_plane`. */
+            needs: string[];
         };
         /**
          * @description A standard deformation test at constant volume.
@@ -3622,6 +3797,38 @@ export interface operations {
             };
         };
     };
+    getProblemPage: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Kind of the problem. */
+                kind: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The page. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/html": string;
+                };
+            };
+            /** @description A problem document. */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemDocument"];
+                };
+            };
+        };
+    };
     ready: {
         parameters: {
             query?: never;
@@ -3658,6 +3865,7 @@ export interface operations {
                 format?: "json" | "png" | "glb" | "ply" | "vtp";
             };
             header?: {
+                /** @description `wait=s`: longest wait for the result, s; after it the answer is a job. */
                 Prefer?: string | null;
                 /** @description A repeated key returns the first answer; with another payload, 422. */
                 "Idempotency-Key"?: string;
@@ -3757,6 +3965,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
             };
             cookie?: never;
@@ -3788,6 +3997,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
             };
             cookie?: never;
@@ -3824,6 +4034,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
             };
             cookie?: never;
@@ -3865,9 +4076,11 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
+                /** @description Number of the last event that the client has; the stream goes on after it. */
                 "Last-Event-ID"?: number | null;
             };
             path: {
+                /** @description Id of the job. */
                 job: string;
             };
             cookie?: never;
@@ -3902,11 +4115,54 @@ export interface operations {
             };
         };
     };
+    getPath: {
+        parameters: {
+            query?: {
+                /** @description What the colours show; `displacement` when absent. */
+                colour?: "displacement" | "error" | "none";
+            };
+            header?: never;
+            path: {
+                /** @description Id of the job. */
+                job: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The path. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "model/gltf-binary": string;
+                };
+            };
+            /** @description Not modified. */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description A problem document. */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemDocument"];
+                };
+            };
+        };
+    };
     getProfile: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
             };
             cookie?: never;
@@ -3948,6 +4204,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
             };
             cookie?: never;
@@ -3992,7 +4249,9 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
+                /** @description Number of the step, from 1; 0 is the skin at rest, where that is allowed. */
                 k: number;
             };
             cookie?: never;
@@ -4036,7 +4295,9 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
+                /** @description Number of the step, from 1; 0 is the skin at rest, where that is allowed. */
                 k: number;
             };
             cookie?: never;
@@ -4072,10 +4333,15 @@ export interface operations {
     };
     getStepFrame: {
         parameters: {
-            query?: never;
+            query?: {
+                /** @description Numbers of the frame; `float32` when absent. */
+                numbers?: "float32" | "int16";
+            };
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
+                /** @description Number of the step, from 1; 0 is the skin at rest, where that is allowed. */
                 k: number;
             };
             cookie?: never;
@@ -4117,7 +4383,9 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
+                /** @description Number of the step, from 1; 0 is the skin at rest, where that is allowed. */
                 k: number;
             };
             cookie?: never;
@@ -4163,7 +4431,9 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
+                /** @description Number of the step, from 1; 0 is the skin at rest, where that is allowed. */
                 k: number;
             };
             cookie?: never;
@@ -4205,6 +4475,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
             };
             cookie?: never;
@@ -4243,6 +4514,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the job. */
                 job: string;
             };
             cookie?: never;
@@ -4264,6 +4536,39 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content?: never;
+            };
+            /** @description A problem document. */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemDocument"];
+                };
+            };
+        };
+    };
+    createLink: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["CreateLink"];
+            };
+        };
+        responses: {
+            /** @description The link. */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["LinkView"];
+                };
             };
             /** @description A problem document. */
             default: {
@@ -4417,6 +4722,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4451,6 +4757,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4487,7 +4794,9 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
+                /** @description Number of the segment. */
                 segment: number;
             };
             cookie?: never;
@@ -4529,7 +4838,9 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
+                /** @description Number of the segment. */
                 segment: number;
             };
             cookie?: never;
@@ -4565,7 +4876,9 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
+                /** @description Number of the segment. */
                 segment: number;
             };
             cookie?: never;
@@ -4612,6 +4925,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4649,6 +4963,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4683,6 +4998,7 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4721,6 +5037,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4756,6 +5073,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4798,6 +5116,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4832,6 +5151,7 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4876,6 +5196,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4907,6 +5228,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4942,6 +5264,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -4976,6 +5299,7 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5013,6 +5337,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5047,6 +5372,7 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5078,12 +5404,50 @@ export interface operations {
             };
         };
     };
+    previewOsteotomy: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the session. */
+                session: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["CreateOsteotomy"];
+            };
+        };
+        responses: {
+            /** @description The cuts. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["OsteotomyPreview"];
+                };
+            };
+            /** @description A problem document. */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemDocument"];
+                };
+            };
+        };
+    };
     getOsteotomy: {
         parameters: {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
+                /** @description Id of the osteotomy. */
                 osteotomy: string;
             };
             cookie?: never;
@@ -5115,7 +5479,9 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
+                /** @description Id of the osteotomy. */
                 osteotomy: string;
             };
             cookie?: never;
@@ -5148,8 +5514,11 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
+                /** @description Id of the osteotomy. */
                 osteotomy: string;
+                /** @description Number of the segment. */
                 segment: number;
             };
             cookie?: never;
@@ -5191,6 +5560,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5225,6 +5595,7 @@ export interface operations {
                 "Idempotency-Key"?: string;
             };
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5261,7 +5632,9 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
+                /** @description Id of the plan. */
                 plan: string;
             };
             cookie?: never;
@@ -5293,7 +5666,9 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
+                /** @description Id of the plan. */
                 plan: string;
             };
             cookie?: never;
@@ -5323,6 +5698,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5361,6 +5737,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5402,6 +5779,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5444,6 +5822,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5485,6 +5864,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5527,6 +5907,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5568,6 +5949,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5606,6 +5988,7 @@ export interface operations {
             };
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5646,6 +6029,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5682,6 +6066,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
+                /** @description Id of the session. */
                 session: string;
             };
             cookie?: never;
@@ -5694,6 +6079,35 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content?: never;
+            };
+            /** @description A problem document. */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemDocument"];
+                };
+            };
+        };
+    };
+    listTemplates: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description All templates. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TemplateList"];
+                };
             };
             /** @description A problem document. */
             default: {

@@ -100,7 +100,14 @@ impl TemplateCuts {
                 Warning::check("template-idle", message).act("Check its landmarks and the bone in the scan.")
             })
             .collect();
-        warnings.extend(self.steps());
+        warnings.extend(self.placing_warnings());
+        warnings
+    }
+
+    /// Warnings about where the cuts are, which need no cut bone.
+    #[must_use]
+    pub fn placing_warnings(&self) -> Vec<Warning> {
+        let mut warnings: Vec<Warning> = self.steps().into_iter().collect();
         if !self.proposed.is_empty() {
             let names: Vec<&str> = self.proposed.iter().map(String::as_str).collect();
             let message = format!("landmarks that were not given are proposed from the surfaces: {}", names.join(", "));

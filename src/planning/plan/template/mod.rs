@@ -116,6 +116,18 @@ impl Template {
         }
     }
 
+    /// Landmarks that improve the template's cuts where they are there.
+    #[must_use]
+    pub fn improved_by(self) -> &'static [&'static str] {
+        match self {
+            Self::LeFort1 | Self::TwoPieceMaxilla => &["zygomaxillare_left", "zygomaxillare_right"],
+            Self::LeFort2 | Self::LeFort3 | Self::Genioplasty => &[],
+            Self::BssoLeft => &["condylion_left"],
+            Self::BssoRight => &["condylion_right"],
+            Self::Mandible => &["lingula_left", "lingula_right"],
+        }
+    }
+
     /// Places the template's cuts on `bone`; separations that meet no bone are left out.
     ///
     /// # Errors

@@ -2,12 +2,15 @@
 
 mod api_key;
 mod authenticator;
+mod link;
 mod principal;
 mod ring_verifier;
 mod token;
 
 pub use api_key::{ApiKey, NewKey, new_key};
 pub use authenticator::{AuthError, AuthSettings, Authenticator};
+pub(super) use link::CheckedLink;
+pub use link::Links;
 pub use principal::{Principal, Scope, Scopes};
 pub use token::JwtSettings;
 

@@ -6,6 +6,7 @@ mod compare;
 mod event;
 mod inputs;
 mod job;
+mod link;
 mod material_view;
 mod mesh;
 mod osteotomy;
@@ -21,12 +22,13 @@ pub use event::{
 pub(super) use inputs::import_request;
 pub use inputs::{CtQuery, FieldView, LandmarksQuery, PointQuery, PointValues, SliceAxis, SliceQuery};
 pub use job::{JobLinks, JobList, JobView};
+pub use link::{CreateLink, LinkView};
 pub use material_view::{
     CheckMaterial, Criterion, LawView, LossView, MaterialCheck, MaterialView, MaterialsList, MaterialsQuery,
     ModuliView, PresetView, StableRangeView, TestMode, TestView,
 };
 pub use mesh::MeshView;
-pub use osteotomy::{OsteotomyList, OsteotomyView};
+pub use osteotomy::{OsteotomyList, OsteotomyPreview, OsteotomyView, TemplateList, TemplateView};
 pub use plan::{PlanList, PlanView};
 pub(super) use session::view_of;
 pub use session::{PartView, SessionList, SessionView};

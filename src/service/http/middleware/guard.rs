@@ -1,24 +1,40 @@
 use axum::extract::rejection::RawPathParamsRejection;
 use axum::extract::{MatchedPath, RawPathParams, Request, State};
-use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::request_id;
-use crate::http::auth::{Access, Principal, Scope};
+use crate::http::auth::{Access, CheckedLink, Principal, Scope};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{Fault, FaultKind};
 use prosopon_store::AuditEntry;
 
 /// POST routes that only read; they have a body, but need the scope `read`.
-const READ_ONLY_POSTS: [&str; 2] = ["/v1/sessions/{session}/field/query", "/v1/materials/check"];
+const READ_ONLY_POSTS: [&str; 4] = [
+    "/v1/sessions/{session}/field/query",
+    "/v1/sessions/{session}/osteotomies/preview",
+    "/v1/materials/check",
+    "/v1/links",
+];
 
 /// Routes that a deleted session still answers: restoring it, and deleting it permanently.
 const ALLOWED_ON_DELETED: [(Method, &str); 2] =
     [(Method::POST, "/v1/sessions/{session}/restore"), (Method::DELETE, "/v1/sessions/{session}")];
 
 /// GET routes without an audit entry: job states, and data that is the same for everybody.
-const NOT_AUDITED: [&str; 4] = ["/v1/jobs", "/v1/jobs/{job}", "/v1/materials", "/v1/materials/check"];
+const NOT_AUDITED: [&str; 5] = ["/v1/jobs", "/v1/jobs/{job}", "/v1/materials", "/v1/materials/check", "/v1/templates"];
+
+/// Begin of the name of a signed link in the audit log.
+const LINK: &str = "link:";
+
+/// What the audit log says about a request beside its route, as an extension of the answer.
+#[derive(Debug, Clone, Default)]
+pub(in crate::http) struct Audited {
+    pub(in crate::http) what: Option<String>,
+    /// Id of the session or job that the request concerns.
+    pub(in crate::http) id: Option<String>,
+}
 
 /// Admits requests whose sender has the scope and owns the session or job, and writes the audit log.
 ///
@@ -32,11 +48,21 @@ pub(in crate::http) async fn guard(
 ) -> Response {
     let route = path.as_ref().map_or("", MatchedPath::as_str).to_owned();
     let method = request.method().clone();
-    let principal = match admit(&state, &method, &route, request.headers()).await {
+    let id = params.as_ref().ok().and_then(named);
+    let admitted = match state.links.check(state.service.store(), request.uri()).await {
+        Ok(Some(link)) => {
+            let admitted = admit_by_link(&state, &method, id.as_ref(), &link).await;
+            *request.uri_mut() = link.uri;
+            admitted
+        }
+        Ok(None) => admit(&state, &method, &route, request.headers()).await,
+        Err(fault) => Err(fault),
+    };
+    let principal = match admitted {
         Ok(principal) => principal,
         Err(fault) => return Problem(fault).into_response(),
     };
-    let id = params.as_ref().ok().and_then(named);
+    let is_linked = principal.who.starts_with(LINK);
     let audited = route.starts_with("/v1/") && !(method == Method::GET && NOT_AUDITED.contains(&route.as_str()));
     let entry = AuditEntry {
         tenant: principal.tenant.to_string(),
@@ -50,17 +76,24 @@ pub(in crate::http) async fn guard(
         Some((kind, id)) => refused(&state, &principal, (&method, &route), (kind, id)).await,
         None => None,
     };
-    let response = match refused {
+    let mut response = match refused {
         Some(problem) => problem.into_response(),
         None => {
             request.extensions_mut().insert(principal);
             answered(&state, request, next).await
         }
     };
+    if is_linked {
+        // The link is the permission: pages of any origin that have it can show what it leads to.
+        response.headers_mut().insert("cross-origin-resource-policy", HeaderValue::from_static("cross-origin"));
+    }
     if audited {
         let is_deletion = method == Method::DELETE && response.status() == StatusCode::NO_CONTENT;
         let made = || made_by(response.headers());
-        let entry = AuditEntry { status: response.status().as_u16(), id: entry.id.clone().or_else(made), ..entry };
+        let told = response.extensions().get::<Audited>().cloned().unwrap_or_default();
+        let what = [Some(entry.what), told.what].into_iter().flatten().collect::<Vec<_>>().join(" ");
+        let id = entry.id.or(told.id).or_else(made);
+        let entry = AuditEntry { status: response.status().as_u16(), what, id, ..entry };
         state.service.note(entry, is_deletion);
     }
     response
@@ -83,6 +116,31 @@ async fn answered(state: &AppState, request: Request, next: Next) -> Response {
     response
 }
 
+/// The reader of a signed link: the tenant of the session or job in its path.
+async fn admit_by_link(
+    state: &AppState,
+    method: &Method,
+    id: Option<&(&'static str, String)>,
+    link: &CheckedLink,
+) -> Result<Principal, Fault> {
+    if !method.is_safe() {
+        return Err(Fault::new(FaultKind::Forbidden, "a link allows nothing but GET; send a bearer token"));
+    }
+    let owner = match id {
+        Some((_, id)) => state.service.store().owner(id).await?,
+        None => None,
+    };
+    let reader = Principal {
+        who: format!("{LINK}{}", link.name),
+        scopes: std::iter::once(Scope::Read).collect(),
+        ..Principal::local()
+    };
+    Ok(match owner {
+        Some(owner) => Principal { tenant: owner.tenant, ..reader },
+        None => reader,
+    })
+}
+
 /// The sender of the request, if it has the required scope.
 async fn admit(state: &AppState, method: &Method, route: &str, headers: &HeaderMap) -> Result<Principal, Fault> {
     let Access::Tokens(authenticator) = &state.access else { return Ok(Principal::local()) };
@@ -102,7 +160,8 @@ async fn admit(state: &AppState, method: &Method, route: &str, headers: &HeaderM
 
 /// Whether a route needs no token, because it shows nothing of any tenant.
 pub(in crate::http) fn is_public(route: &str) -> bool {
-    ["/livez", "/readyz", "/", "/assets/{name}", "/icon.svg", "/openapi.json", "/docs"].contains(&route)
+    ["/livez", "/readyz", "/", "/assets/{name}", "/icon.svg", "/problems/{kind}", "/openapi.json", "/docs"]
+        .contains(&route)
         || route.starts_with("/docs/")
 }
 

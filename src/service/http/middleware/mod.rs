@@ -4,12 +4,14 @@ mod catch_errors;
 mod compression;
 mod guard;
 mod hosts;
+mod parameters;
 mod request_span;
 mod security;
 
 pub(super) use catch_errors::catch_errors;
 pub(super) use compression::{compression, mark_compressed};
-pub(super) use guard::{guard, is_public};
+pub(super) use guard::{Audited, guard, is_public};
 pub(super) use hosts::check_host;
+pub(super) use parameters::{KnownParameters, known_parameters_only};
 pub(super) use request_span::{request_id, request_span};
 pub(super) use security::{cors, security_headers};

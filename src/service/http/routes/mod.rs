@@ -18,13 +18,16 @@ mod health;
 mod inputs;
 mod jobs;
 mod landmarks;
+mod links;
 mod materials;
 mod mesh;
 mod mesh_choice;
 mod on_demand;
 mod osteotomies;
 mod page;
+mod path;
 mod plans;
+mod problem_page;
 mod profile;
 mod report;
 mod report_clinical;
@@ -67,12 +70,15 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(field::query))
         .routes(routes!(mesh::get, mesh::build))
         .routes(routes!(osteotomies::list, osteotomies::create))
+        .routes(routes!(osteotomies::preview))
+        .routes(routes!(osteotomies::templates))
         .routes(routes!(osteotomies::get, osteotomies::delete))
         .routes(routes!(osteotomies::segment))
         .routes(routes!(plans::list, plans::create))
         .routes(routes!(plans::get, plans::delete))
         .routes(routes!(materials::list))
         .routes(routes!(materials::check))
+        .routes(routes!(links::create))
         .routes(routes!(jobs::create))
         .routes(routes!(jobs::list))
         .routes(routes!(jobs::get))
@@ -81,6 +87,7 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(results::topology))
         .routes(routes!(results::skin))
         .routes(routes!(results::frame))
+        .routes(routes!(path::path))
         .routes(routes!(results::error))
         .routes(routes!(results::error_picture))
         .routes(routes!(results::picture))
@@ -90,6 +97,7 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(compare::compare))
         .routes(routes!(compare::comparison))
         .merge(health())
+        .routes(routes!(problem_page::problem_page))
         .routes(routes!(page::page));
     let uploads = OpenApiRouter::new()
         .routes(routes!(inputs::put_ct))

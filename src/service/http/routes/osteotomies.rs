@@ -4,13 +4,13 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use super::results::{FormatQuery, send_surface};
-use crate::http::dto::{OsteotomyList, OsteotomyView};
-use crate::http::extract::{CreateBody, Ids, Params};
+use crate::http::dto::{OsteotomyList, OsteotomyPreview, OsteotomyView, TemplateList};
+use crate::http::extract::{Body, CreateBody, Ids, Params};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
-use prosopon_contract::{CreateOsteotomy, Fault, FaultKind, OsteotomyDocument, from_json};
+use prosopon_contract::{CreateOsteotomy, CutDocument, Fault, FaultKind, OsteotomyDocument, from_json};
 use prosopon_formats::export::SurfaceView;
-use prosopon_jobs::cut_bone;
+use prosopon_jobs::{cut_bone, place_cuts};
 use prosopon_session::SessionParts;
 use prosopon_store::{OsteotomyId, OsteotomyRecord, SessionId, decode_mesh};
 
@@ -36,6 +36,36 @@ pub(in crate::http) async fn create(
     let answer = answering.remember(StatusCode::CREATED, &location, None, &view, session);
     state.service.store().insert_osteotomy(&record, answer.as_ref()).await?;
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)).into_response())
+}
+
+/// Preview the cuts of an osteotomy
+///
+/// Returns the cuts that the same request to `createOsteotomy` would make, without cutting or storing anything. Move them and
+/// send them as `cuts`. The session needs skin and skull.
+#[utoipa::path(post, path = "/v1/sessions/{session}/osteotomies/preview", operation_id = "previewOsteotomy", tag = "bone",
+    params(("session" = Uuid, Path)), request_body = CreateOsteotomy,
+    responses((status = 200, description = "The cuts.", body = OsteotomyPreview)))]
+pub(in crate::http) async fn preview(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    Body(request): Body<CreateOsteotomy>,
+) -> Result<Json<OsteotomyPreview>, Problem> {
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    let is_single = request.template.is_some();
+    let (_, cuts) = request.check(parts.landmarks()?.as_ref())?;
+    let placed = place_cuts(&state.service, &parts, cuts).await;
+    let (cuts, warnings) = placed.map_err(|fault| if is_single { of_single(fault) } else { fault })?;
+    let cuts = cuts.iter().map(CutDocument::from).collect();
+    Ok(Json(OsteotomyPreview { cuts, findings: warnings.into_iter().collect() }))
+}
+
+/// List osteotomy templates
+///
+/// Returns all templates with the landmarks that they need, and those that improve their cuts.
+#[utoipa::path(get, path = "/v1/templates", operation_id = "listTemplates", tag = "bone",
+    responses((status = 200, description = "All templates.", body = TemplateList)))]
+pub(in crate::http) async fn templates() -> Json<TemplateList> {
+    Json(TemplateList::all())
 }
 
 /// Points errors to `/template` instead of `/templates/0`, as the request names it.

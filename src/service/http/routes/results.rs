@@ -200,32 +200,63 @@ pub(in crate::http) async fn skin(
     .await
 }
 
+/// Numbers of a frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(in crate::http) enum FrameNumbers {
+    /// Positions and scalars as f32, mm.
+    #[default]
+    Float32,
+    /// Displacements and error as i16, in steps of a micrometre; a twelfth of the bytes, compressed.
+    Int16,
+}
+
+/// Form of a frame.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct FrameQuery {
+    /// Numbers of the frame; `float32` when absent.
+    #[param(inline)]
+    numbers: Option<FrameNumbers>,
+}
+
 /// Read the frame of a step
 ///
 /// Returns the deformed skin as little-endian f32: positions, then scalars, as `api/frames.md` describes. Step 0 is the skin at
-/// rest.
+/// rest. `numbers=int16` gives displacements from rest in 16 bits.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/frame", operation_id = "getStepFrame", tag = "results",
-    params(("job" = Uuid, Path), ("k" = u32, Path)),
+    params(("job" = Uuid, Path), ("k" = u32, Path), FrameQuery),
     responses((status = 200, description = "The frame.", body = Vec<u8>, content_type = "application/octet-stream"),
         (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn frame(
     State(state): State<AppState>,
     Ids((id, k)): Ids<(JobId, u32)>,
+    Params(query): Params<FrameQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    let is_short = query.numbers == Some(FrameNumbers::Int16);
     let (tag, bytes, scalars) = if k == 0 {
         let (job, rest) = at_rest(&state.service, id).await?;
-        let tag = tag_of(&[job.rest_blob.as_deref().unwrap_or_default(), "frame 0"]);
-        (tag, SkinFrame::at_rest(&rest).encode().into(), "displacement_mm")
+        let frame = SkinFrame::at_rest(&rest);
+        let name = if is_short { "short frame 0" } else { "frame 0" };
+        let bytes = if is_short { frame.encode_short(&rest) } else { frame.encode() };
+        (tag_of(&[job.rest_blob.as_deref().unwrap_or_default(), name]), bytes.into(), "displacement_mm")
     } else {
-        let (_, step) = find(&state.service, id, k).await?;
+        let (job, step) = find(&state.service, id, k).await?;
         let scalars = if step.error.is_some() { "displacement_mm,error_mm" } else { "displacement_mm" };
-        // The answer is the stored bytes, so their hash is the tag.
-        let tag = format!("\"{}\"", step.sha256);
+        // The answer in floats is the stored bytes, so their hash is the tag.
+        let tag = if is_short { tag_of(&[&step.sha256, "short"]) } else { format!("\"{}\"", step.sha256) };
         if let Some(known) = not_modified(&headers, &tag) {
             return Ok(known);
         }
-        (tag, state.service.store().blobs().get(&step.blob).await?, scalars)
+        let bytes = if is_short {
+            let (rest, _, frame) = load(&state.service, &job, &step).await?;
+            frame.encode_short(&rest).into()
+        } else {
+            state.service.store().blobs().get(&step.blob).await?
+        };
+        (tag, bytes, scalars)
     };
     let mut response = tagged(&headers, &tag, "application/octet-stream", bytes)?;
     response.headers_mut().insert("prosopon-scalars", axum::http::HeaderValue::from_static(scalars));

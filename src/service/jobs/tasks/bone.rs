@@ -2,6 +2,7 @@ use std::time::Instant;
 
 use crate::Service;
 use prosopon_contract::{Cuts, Fault, Halt, OsteotomyDocument, PathReportDocument, PlanDocument, to_json};
+use prosopon_geometry::Warning;
 use prosopon_planning::plan::{Cut, Plan, Proposal};
 use prosopon_session::{SessionParts, load_mesh};
 use prosopon_store::{OsteotomyId, OsteotomyRecord, PartKind, SessionId, encode_mesh, now_rfc3339};
@@ -51,6 +52,20 @@ pub async fn cut_bone(
         created_at: now_rfc3339(),
     };
     Ok((record, document))
+}
+
+/// The cuts that a request would make in the bone of a session, without cutting it.
+///
+/// # Errors
+/// The numerics' for templates that cannot be placed, or the store's.
+pub async fn place_cuts(
+    service: &Service,
+    parts: &SessionParts,
+    cuts: Cuts,
+) -> Result<(Vec<Cut>, Vec<Warning>), Fault> {
+    parts.require_nested()?;
+    let case = parts.case(&service.store).await?;
+    service.compute(move |engine, control| engine.place(&case, &cuts, control)).await
 }
 
 /// Proposes landmarks from the skin and skull of a session.

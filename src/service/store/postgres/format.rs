@@ -15,6 +15,7 @@ const MIGRATIONS: &[(&str, &str)] = &[
     ("milestones", include_str!("4_milestones.sql")),
     ("sealed values", include_str!("5_sealed_values.sql")),
     ("continued jobs", include_str!("6_continued_jobs.sql")),
+    ("signed links", include_str!("7_signed_links.sql")),
 ];
 
 /// Postgres error code: a table that a script creates exists already.

@@ -222,6 +222,10 @@ impl MetaStore for Meta {
         maintenance::name(self.writer(), fresh).await
     }
 
+    async fn link_key(&self, fresh: &str) -> Result<String> {
+        maintenance::link_key(self.writer(), fresh).await
+    }
+
     async fn claim_maintenance(&self, every: Duration) -> Result<bool> {
         maintenance::claim_maintenance(self.writer(), every).await
     }

@@ -19,6 +19,7 @@ const MIGRATIONS: &[&str] = &[
     include_str!("10_milestones.sql"),
     include_str!("11_sealed_values.sql"),
     include_str!("12_continued_jobs.sql"),
+    include_str!("13_signed_links.sql"),
 ];
 
 /// File name of the database in its directory.

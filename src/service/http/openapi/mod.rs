@@ -1,3 +1,9 @@
+//! The OpenAPI document of all routes.
+
+mod descriptions;
+mod examples;
+mod lengths;
+
 use utoipa::OpenApi as _;
 use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn, PathItem};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
@@ -53,6 +59,9 @@ pub fn openapi() -> OpenApi {
     api.merge(uploads.split_for_parts().1);
     if let Some(components) = &mut api.components {
         components.schemas.values_mut().for_each(drop_property_names);
+        components.schemas.values_mut().for_each(descriptions::describe_variants);
+        components.schemas.get_mut("ProblemDocument").into_iter().for_each(descriptions::describe_facts);
+        components.schemas.iter_mut().for_each(|(name, schema)| lengths::fix_lengths(name, schema));
     }
     let schemas = api.components.clone().unwrap_or_default().schemas;
     for (path, item) in &mut api.paths.paths {
@@ -65,7 +74,11 @@ pub fn openapi() -> OpenApi {
                 operation.security = Some(Vec::new());
             }
             add_problem(operation);
+            descriptions::describe_parameters(operation);
             say_binary(operation);
+        }
+        for (method, operation) in [("PUT", &mut item.put), ("POST", &mut item.post)] {
+            operation.iter_mut().for_each(|operation| examples::add_examples(method, path, operation));
         }
         if let Some(post) = &mut item.post
             && creates(path)
@@ -208,6 +221,21 @@ mod tests {
         assert_eq!(api["components"]["securitySchemes"]["bearer"]["scheme"], "bearer");
         assert_eq!(api["paths"]["/livez"]["get"]["security"], serde_json::json!([]));
         assert_eq!(api["paths"]["/v1/sessions"]["get"]["operationId"], "listSessions");
+    }
+
+    #[test]
+    fn every_json_body_has_an_example_and_every_point_its_length() {
+        let api = serde_json::to_value(openapi()).unwrap();
+        for (path, item) in api["paths"].as_object().unwrap() {
+            for (method, operation) in item.as_object().unwrap() {
+                let content = &operation["requestBody"]["content"]["application/json"];
+                assert!(content.is_null() || !content["examples"].as_object().unwrap().is_empty(), "{method} {path}");
+            }
+        }
+        let of = |schema: &str, member: &str| api["components"]["schemas"][schema]["properties"][member].clone();
+        assert_eq!(of("PlaneDocument", "normal")["minItems"], 3);
+        assert_eq!(of("PointQuery", "points_mm")["items"]["maxItems"], 3);
+        assert!(of("PointQuery", "points_mm").get("maxItems").is_none_or(|most| most != 3));
     }
 
     #[test]

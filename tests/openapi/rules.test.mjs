@@ -53,7 +53,7 @@ test("each rule reports its fault, and nothing else is reported", () => {
   try {
     const file = join(folder, "openapi.json");
     writeFileSync(file, JSON.stringify(document));
-    const found = lint(fileURLToPath(new URL("strict.yaml", import.meta.url)), file);
+    const found = lint(fileURLToPath(new URL("redocly.yaml", import.meta.url)), file);
     const body = "#/paths/~1a/post/requestBody/content/application~1json";
     assert.deepEqual(found.map((one) => `${one.rule} ${one.pointer}`).sort(), [
       "operation-tag-defined #/paths/~1a/post",

@@ -11,6 +11,7 @@ mod baselines;
 mod bounds;
 mod budget;
 mod check;
+mod choices;
 mod clinical;
 mod compare;
 mod cut;
@@ -45,6 +46,7 @@ pub use baselines::{BaselineDocument, BaselinesDocument};
 pub use bounds::BoxDocument;
 pub use budget::{Budget, BudgetDocument, EstimateDocument, TriedDocument};
 pub use check::{Check, REACH_MM, short_number};
+pub use choices::{PlanChoice, SupersedeChoice, SupersedeForms, SupersedeScopeName};
 pub use clinical::{
     BeforeAfterDocument, ClinicalDocument, NamedPointDocument, ProfilePieceDocument, SoftToHardDocument,
 };

@@ -8,6 +8,7 @@ use uuid::Uuid;
 use super::attachment::Attachment;
 use super::budget::Budget;
 use super::check::Check;
+use super::choices::{PlanChoice, SupersedeChoice, SupersedeForms};
 use super::fault::Fault;
 use super::material::{
     D1ReadingName, LockingName, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName,
@@ -99,8 +100,8 @@ impl SolverOptions {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SolveRequest {
-    /// Id of the plan that the bone follows.
-    pub plan: Uuid,
+    /// Id of the plan that the bone follows, or a new plan, which is created first.
+    pub plan: PlanChoice,
     /// Mechanical model; `auto` when absent.
     #[serde(default)]
     pub model: ModelName,
@@ -188,9 +189,13 @@ pub struct SolveRequest {
     /// After that time the job fails and keeps its finished steps.
     #[serde(default)]
     pub max_wall_s: Option<f64>,
-    /// Whether this job replaces waiting jobs on the same plan, which are cancelled; false when absent.
+    /// Which waiting solves this one replaces; none when absent.
+    ///
+    /// They are cancelled. `true` or `plan`: those of the same plan. `session`: all of the session, as for a slider whose last
+    /// position counts.
     #[serde(default)]
-    pub supersede: bool,
+    #[schema(value_type = Option<SupersedeForms>)]
+    pub supersede: SupersedeChoice,
 }
 
 impl SolveRequest {

@@ -1,4 +1,4 @@
-use prosopon_store::{JobKind, SessionId};
+use prosopon_store::{JobKind, SessionId, SupersedeScope};
 
 /// Order of a new job.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,8 +13,8 @@ pub struct Order {
     pub request: String,
     /// Subject, for example the id of a plan; a newer job with the same subject may supersede this one.
     pub subject: Option<String>,
-    /// Whether the job supersedes waiting jobs with the same subject.
-    pub supersede: bool,
+    /// Which waiting jobs of the session and kind the job supersedes; none when `None`.
+    pub supersede: Option<SupersedeScope>,
     /// Another session that the job reads.
     pub other_session: Option<SessionId>,
     /// Longest computing time, s; the service's limit when `None`.
@@ -25,15 +25,6 @@ impl Order {
     /// An order without steps and options.
     #[must_use]
     pub fn new(session: SessionId, kind: JobKind, request: String) -> Self {
-        Self {
-            session,
-            kind,
-            steps: 0,
-            request,
-            subject: None,
-            supersede: false,
-            other_session: None,
-            max_wall_s: None,
-        }
+        Self { session, kind, steps: 0, request, subject: None, supersede: None, other_session: None, max_wall_s: None }
     }
 }

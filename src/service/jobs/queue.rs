@@ -51,7 +51,7 @@ impl Service {
             job: &job,
             limits: self.settings.queue(),
             event: &status_event(JobState::Accepted, 0),
-            supersede: supersede.then_some(Supersede { from: JobState::Accepted, to, event: ("end", event) }),
+            supersede: supersede.map(|scope| Supersede { scope, from: JobState::Accepted, to, event: ("end", event) }),
             answer: &|job, before| answer(&status(job, before)),
         };
         let before = match self.store.insert_job(&new).await? {

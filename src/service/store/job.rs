@@ -240,9 +240,20 @@ pub struct QueueLimits {
     pub tenant: u32,
 }
 
-/// How a new job supersedes waiting jobs of the same session, kind and subject.
+/// Which waiting jobs of its session and kind a new job supersedes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SupersedeScope {
+    /// Those with the same subject.
+    Subject,
+    /// All.
+    Session,
+}
+
+/// How a new job supersedes waiting jobs of the same session and kind.
 #[derive(Debug, Clone)]
 pub struct Supersede {
+    /// Which jobs are superseded.
+    pub scope: SupersedeScope,
     /// State in which a job may be superseded.
     pub from: JobState,
     /// State of a superseded job.

@@ -54,6 +54,7 @@ pub use grid_blob::{decode_grid, encode_grid};
 pub use ids::{JobId, OsteotomyId, PlanId, SessionId, WorkerId};
 pub use job::{
     AnswerOf, Claim, Insertion, JobChange, JobFilter, JobKind, JobRecord, Lane, NewJob, QueueLimits, Supersede,
+    SupersedeScope,
 };
 pub use job_state::JobState;
 pub use location::{BucketUrl, DatabaseUrl, StoreLocation};

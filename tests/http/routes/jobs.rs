@@ -8,7 +8,7 @@ use prosopon_tissue::fem::{Locking, Model, SkinElement, SolveSettings, UnstableM
 use serde_json::{Value, json};
 
 use super::mesh_choice::operation;
-use crate::support::app::{TestApp, warnings_of};
+use crate::support::app::{TestApp, pointers, warnings_of};
 use crate::support::binary::{Server, serve};
 use crate::support::shapes::{cube, skin, stl};
 use crate::support::tissue_mesh::slab;
@@ -321,4 +321,42 @@ fn a_job_beyond_the_memory_limit_is_refused() {
     assert!(problem["needed_mb"].as_f64().unwrap() > 30.0 && problem["allowed_mb"] == 0.0, "{problem}");
     assert!(problem["detail"].as_str().unwrap().contains("would fit"), "{problem}");
     assert_eq!(server.get("/readyz").status, 200);
+}
+
+#[tokio::test]
+async fn a_solve_can_bring_its_plan_and_replace_what_waits() {
+    let app = TestApp::new().await;
+    let session = app.session_with_field().await;
+    app.plan(&session).await;
+    let osteotomy = app.get(&format!("{session}/osteotomies")).await.ok()["osteotomies"][0]["id"].clone();
+    let path = format!("{session}/jobs");
+    let moved = |mm: f64| json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0, mm, 0]}]}]});
+    let plans = async || app.get(&format!("{session}/plans")).await.ok()["plans"].as_array().unwrap().len();
+    let refused =
+        app.post(&path, json!({"plan": {"osteotomy": osteotomy, "paths": [{"segment": 7, "waypoints": []}]}})).await;
+    assert!(pointers(&refused).iter().all(|p| p.starts_with("/plan/paths/0/")), "{refused:?}");
+    assert_eq!(pointers(&app.post(&path, json!({"plan": {"pathes": []}})).await), ["/plan/pathes"]);
+    assert_eq!(pointers(&app.post(&path, json!({"plan": "x"})).await), ["/plan"]);
+    assert_eq!(pointers(&app.post(&path, json!({"plan": moved(-1.0), "supersede": "all"})).await), ["/supersede"]);
+    assert_eq!(plans().await, 1);
+
+    // While one runs, the positions of a slider replace each other.
+    app.stand_in.hold_after(1);
+    let running = app.post(&path, json!({"plan": moved(-1.0), "supersede": "session"})).await;
+    assert_eq!(running.status, StatusCode::ACCEPTED);
+    let running = running.header("location").to_owned();
+    app.until_step(&running, 1).await;
+    let mut waiting = Vec::new();
+    for mm in [-2.0, -3.0] {
+        let job = app.post(&path, json!({"plan": moved(mm), "supersede": "session"})).await;
+        waiting.push(job.header("location").to_owned());
+        assert!(
+            app.get(&format!("{session}/plans/{}", job.json()["plan"].as_str().unwrap())).await.status.is_success()
+        );
+    }
+    assert_eq!(app.get(&waiting[0]).await.ok()["status"], "cancelled");
+    app.stand_in.release();
+    assert_eq!(app.ended(&waiting[1]).await.ok()["status"], "succeeded");
+    assert_eq!(app.ended(&running).await.ok()["status"], "succeeded");
+    assert_eq!(plans().await, 4);
 }

@@ -34,6 +34,8 @@ pub(in crate::http) enum InputOutput {
     Ply,
     /// Binary STL.
     Stl,
+    /// VTK polygons, XML with raw appended data.
+    Vtp,
     /// The surface report.
     Json,
 }
@@ -146,6 +148,7 @@ async fn send_present(
         Some(InputOutput::Glb) => SurfaceOutput::Glb,
         Some(InputOutput::Ply) => SurfaceOutput::Ply,
         Some(InputOutput::Stl) => SurfaceOutput::Stl,
+        Some(InputOutput::Vtp) => SurfaceOutput::Vtp,
         None => SurfaceOutput::choose(None, headers)?,
     };
     let store = state.service.store().clone();
@@ -163,6 +166,7 @@ macro_rules! surface_routes {
         #[utoipa::path(get, path = $path, operation_id = $get_id, tag = "inputs", summary = concat!("Read the ", $what), description = "Returns the surface as it is stored now, or its report.", params(("session" = Uuid, Path), InputQuery),
                             responses((status = 200, description = "The surface or its report.", content(
                                 (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
+                                (Vec<u8> = "application/vnd.vtk.vtp"),
                                 (SurfaceDocument = "application/json"))), (status = 304, description = "Not modified.")))]
         pub(in crate::http) async fn $get(
             State(state): State<AppState>,

@@ -16,15 +16,16 @@ use super::plans;
 use super::warm_start::with_warm_start;
 use crate::http::auth::Principal;
 use crate::http::dto::{JobList, JobView};
-use crate::http::extract::{CreateBody, Ids, Params, page_length};
+use crate::http::extract::{Answering, CreateBody, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{
-    CutDocument, Fault, FaultKind, SessionSettings, SolveRequest, TissueDocument, from_json, short_number,
+    CutDocument, Fault, FaultKind, PlanChoice, SessionSettings, SolveRequest, SupersedeChoice, TissueDocument,
+    from_json, short_number,
 };
 use prosopon_jobs::{Given, Order, SceneTask, SolveTask};
 use prosopon_planning::simulate::{HEAD_LOCKING, READY_MESH_LOCKING};
 use prosopon_session::SessionParts;
-use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, PlanRecord, SessionId};
+use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, PlanRecord, SessionId, SupersedeScope};
 
 /// Longest long poll, s.
 const MAX_WAIT_S: f64 = 60.0;
@@ -82,21 +83,26 @@ pub(in crate::http) async fn create(
     };
     let given = Given { mesh: request.mesh.is_some(), locking: request.locking.is_some() };
     let mut request = request.resolved(&defaults, state.service.settings().max_wall, locking)?;
-    let (supersede, max_wall_s, mesh_job) = (request.supersede, request.max_wall_s, request.mesh);
-    let (steps, subject) = (request.steps(), request.plan.to_string());
+    if ready.is_none() {
+        parts.require_field()?;
+    }
+    let chosen = ChosenPlan::of(&state, &parts, session, request.plan).await?;
+    request.plan = PlanChoice::Stored(chosen.record.id.uuid());
+    let (max_wall_s, mesh_job) = (request.max_wall_s, request.mesh);
+    let (steps, supersede) = (request.steps(), scope_of(request.supersede));
+    let subject = Some(chosen.record.id.to_string());
     let order = |content: String| Order {
         steps,
-        subject: Some(subject.clone()),
+        subject: subject.clone(),
         supersede,
         max_wall_s,
         ..Order::new(session, JobKind::Solve, content)
     };
     if let Some(ready) = ready {
-        let scene = scene(&state, &parts, session, &request, ready).await?;
-        return accept_order(&state, order(stored(&scene)?), Some(&answering)).await;
+        let scene = scene(&state, &parts, session, (&request, &chosen.record), ready).await?;
+        return chosen.accept(&state, order(stored(&scene)?), &answering).await;
     }
-    parts.require_field()?;
-    let plan = plans::find(&state, session, request.plan.into()).await.map_err(|p| as_invalid_request(p, "/plan"))?;
+    let plan = &chosen.record;
     let Some(osteotomy) = plan.osteotomy else {
         // The tissue mesh that the plan was made for has been removed.
         return Err(parts.require_tissue("the plan's tissue mesh was removed: PUT it again").err().map_or_else(
@@ -106,11 +112,11 @@ pub(in crate::http) async fn create(
     };
     let (osteotomy, bone) = current_osteotomy(&state, &parts, session, osteotomy, "/plan").await?;
     let mut mesh = mesh_of(&state, &parts, session, osteotomy.id, &bone.cuts, mesh_job).await?;
-    let content = plans::content(&plan)?;
+    let content = plans::content(plan)?;
     let budget = keep_budget(&parts, &mut request, &mut mesh, &content, given)?;
     let reference_job = request.reference_job.map(JobId::from);
     if let Some(id) = reference_job {
-        check_reference(&state, &principal, id, &plan, &bone.cuts).await?;
+        check_reference(&state, &principal, id, plan, &bone.cuts).await?;
     }
     let solve = SolveTask {
         request: lasting(&request),
@@ -130,7 +136,54 @@ pub(in crate::http) async fn create(
         Some(id) => with_warm_start(&state, &principal, session, id.into(), solve).await?,
         None => solve,
     };
-    accept_order(&state, order(stored(&solve)?), Some(&answering)).await
+    chosen.accept(&state, order(stored(&solve)?), &answering).await
+}
+
+/// The plan of a solve.
+struct ChosenPlan {
+    record: PlanRecord,
+    /// Whether the request brought the plan; then it is stored with the job.
+    is_new: bool,
+}
+
+impl ChosenPlan {
+    async fn of(state: &AppState, parts: &SessionParts, session: SessionId, plan: PlanChoice) -> Result<Self, Problem> {
+        match plan {
+            PlanChoice::Stored(id) => {
+                let found = plans::find(state, session, id.into()).await;
+                Ok(Self { record: found.map_err(|p| as_invalid_request(p, "/plan"))?, is_new: false })
+            }
+            PlanChoice::New(request) => {
+                let made = plans::make(state, parts, session, *request).await;
+                let (record, _) = made.map_err(|Problem(mut fault)| {
+                    fault.errors.iter_mut().for_each(|error| error.pointer.insert_str(0, "/plan"));
+                    Problem(fault)
+                })?;
+                Ok(Self { record, is_new: true })
+            }
+        }
+    }
+
+    /// Stores a new plan and queues the job; the plan goes again where the job is refused.
+    async fn accept(self, state: &AppState, order: Order, answering: &Answering) -> Result<Response, Problem> {
+        let (store, plan) = (state.service.store(), &self.record);
+        if self.is_new {
+            store.insert_plan(plan, None).await?;
+        }
+        let answer = accept_order(state, order, Some(answering)).await;
+        if answer.is_err() && self.is_new {
+            store.delete_plan(plan.session, plan.id).await?;
+        }
+        answer
+    }
+}
+
+fn scope_of(choice: SupersedeChoice) -> Option<SupersedeScope> {
+    match choice {
+        SupersedeChoice::Nothing => None,
+        SupersedeChoice::Plan => Some(SupersedeScope::Subject),
+        SupersedeChoice::Session => Some(SupersedeScope::Session),
+    }
 }
 
 /// Painted classes must be as many as the skull has vertices now.
@@ -152,7 +205,7 @@ pub(super) async fn session_settings(state: &AppState, session: SessionId) -> Re
 
 /// The part of a request that determines the result: jobs with equal parts are one job.
 fn lasting(request: &SolveRequest) -> SolveRequest {
-    SolveRequest { supersede: false, max_wall_s: None, mesh: None, ..request.clone() }
+    SolveRequest { supersede: SupersedeChoice::Nothing, max_wall_s: None, mesh: None, ..request.clone() }
 }
 
 /// The request for a solve on the session's uploaded tissue mesh.
@@ -160,10 +213,9 @@ async fn scene(
     state: &AppState,
     parts: &SessionParts,
     session: SessionId,
-    request: &SolveRequest,
+    (request, plan): (&SolveRequest, &PlanRecord),
     ready: TissueDocument,
 ) -> Result<SceneTask, Problem> {
-    let plan = plans::find(state, session, request.plan.into()).await.map_err(|p| as_invalid_request(p, "/plan"))?;
     let bone = match plan.osteotomy {
         Some(osteotomy) => Some(current_osteotomy(state, parts, session, osteotomy, "/plan").await?.1),
         None => None,
@@ -173,7 +225,7 @@ async fn scene(
     Ok(SceneTask {
         ready,
         request: SolveRequest { leave_out_below_mm: Some(0.0), ..lasting(request) },
-        plan: plans::content(&plan)?,
+        plan: plans::content(plan)?,
         osteotomy_id: plan.osteotomy,
         cuts,
         field_key,
@@ -209,8 +261,7 @@ async fn check_reference(
     let solved = SolveTask::of(&job)
         .map_err(|why| wrong(FaultKind::InvalidRequest, format!("job {id} {why}; name another one")))?;
     if solved.cuts != cuts || solved.plan.paths != plans::content(plan)?.paths {
-        let detail =
-            format!("job {id} followed plan {}, whose cuts or paths differ from plan {}", solved.request.plan, plan.id);
+        let detail = format!("job {id} followed a plan whose cuts or paths differ from those of this one");
         return Err(wrong(FaultKind::WrongState, detail));
     }
     Ok(())

@@ -26,12 +26,27 @@ pub(in crate::http) async fn create(
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
+    let (record, content) = make(&state, &parts, session, request).await?;
+    let view = PlanView::new(&record, content);
+    let location = format!("/v1/sessions/{session}/plans/{}", record.id);
+    let answer = answering.remember(StatusCode::CREATED, &location, None, &view, session);
+    state.service.store().insert_plan(&record, answer.as_ref()).await?;
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)).into_response())
+}
+
+/// A new plan and its document; the caller stores its row.
+pub(super) async fn make(
+    state: &AppState,
+    parts: &SessionParts,
+    session: SessionId,
+    request: CreatePlan,
+) -> Result<(PlanRecord, PlanDocument), Problem> {
     let osteotomy = request.osteotomy.map(OsteotomyId::from);
     let content = match osteotomy {
         Some(osteotomy) => {
-            let (_, bone) = current_osteotomy(&state, &parts, session, osteotomy, "/osteotomy").await?;
+            let (_, bone) = current_osteotomy(state, parts, session, osteotomy, "/osteotomy").await?;
             let (label, plan) = request.check(&Segments::from(&bone).with_landmarks(parts.landmarks()?))?;
-            make_plan(&state.service, &parts, stored_cuts(&bone.cuts)?, plan, label).await?
+            make_plan(&state.service, parts, stored_cuts(&bone.cuts)?, plan, label).await?
         }
         None => {
             let tissue = parts.require_tissue("name an osteotomy, or PUT a tissue mesh first")?;
@@ -53,11 +68,7 @@ pub(in crate::http) async fn create(
         document: to_json("the plan", &content)?,
         created_at: now_rfc3339(),
     };
-    let view = PlanView::new(&record, content);
-    let location = format!("/v1/sessions/{session}/plans/{}", record.id);
-    let answer = answering.remember(StatusCode::CREATED, &location, None, &view, session);
-    state.service.store().insert_plan(&record, answer.as_ref()).await?;
-    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)).into_response())
+    Ok((record, content))
 }
 
 /// List plans

@@ -108,7 +108,12 @@ const PATIENCE: Duration = Duration::from_secs(4);
 const MANY: QueueLimits = QueueLimits { all: 100, tenant: 100 };
 
 async fn insert(store: &Store, job: &JobRecord, limits: QueueLimits, supersede: bool) -> Insertion {
-    let supersede = supersede.then(|| Supersede {
+    insert_over(store, job, limits, supersede.then_some(SupersedeScope::Subject)).await
+}
+
+async fn insert_over(store: &Store, job: &JobRecord, limits: QueueLimits, scope: Option<SupersedeScope>) -> Insertion {
+    let supersede = scope.map(|scope| Supersede {
+        scope,
         from: JobState::Accepted,
         to: JobState::Cancelled,
         event: ("end", "{}".to_owned()),

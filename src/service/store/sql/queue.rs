@@ -6,7 +6,7 @@ use super::answers::remember;
 use super::dialect::{FOR_CHANGE, FOR_CLAIM, NEXT_TURN, NOW_MS, hold_queue};
 use super::{Connection, Pool, Result, Transaction, jobs, new_job, sessions};
 use crate::records::{parse_id, to_i64};
-use crate::{Claim, Insertion, JobChange, JobId, JobRecord, Lane, NewJob};
+use crate::{Claim, Insertion, JobChange, JobId, JobRecord, Lane, NewJob, SupersedeScope};
 
 /// SQL for the waiting jobs `w` of lane `$1` in claiming order.
 ///
@@ -95,9 +95,16 @@ async fn twin(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Result<Opt
 }
 
 async fn supersede(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Result<Vec<(JobId, Option<String>)>> {
-    let (Some(supersede), Some(subject)) = (&new.supersede, &new.job.subject) else { return Ok(Vec::new()) };
+    let Some(supersede) = &new.supersede else { return Ok(Vec::new()) };
+    // A job without subject has no equal.
+    let subject = match (supersede.scope, &new.job.subject) {
+        (SupersedeScope::Session, _) => None,
+        (SupersedeScope::Subject, Some(subject)) => Some(subject),
+        (SupersedeScope::Subject, None) => return Ok(Vec::new()),
+    };
     let rows = format!(
-        "SELECT * FROM jobs WHERE session = $1 AND kind = $2 AND subject = $3 AND state = $4 ORDER BY id {FOR_CHANGE}"
+        "SELECT * FROM jobs WHERE session = $1 AND kind = $2 AND ($3 IS NULL OR subject = $3) AND state = $4
+         ORDER BY id {FOR_CHANGE}"
     );
     let rows = sqlx::query(AssertSqlSafe(rows))
         .bind(new.job.session.to_string())

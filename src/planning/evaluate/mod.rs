@@ -24,6 +24,7 @@ mod sheet;
 mod smoothing;
 mod statistics;
 mod tuning;
+mod views;
 
 pub use baseline::{BaselineError, baseline_error};
 pub use between::between_solutions;
@@ -40,6 +41,7 @@ pub use regions::{FaceRegion, FaceRegions, eyes, face_regions};
 pub use register::{Registration, register};
 pub use sheet::{Sheet, render_sheet};
 pub use statistics::{Statistics, statistics};
+pub use views::{ORIENTED_VIEWS, OrientedView, render_views};
 
 #[cfg(test)]
 mod registration_tests;

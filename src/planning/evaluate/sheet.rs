@@ -3,9 +3,10 @@
 use super::colour::diverging;
 use super::font::Font;
 use super::picture::{BLACK, encode, label};
-use super::raster::{Camera, Canvas, Coloured, Shading, draw};
+use super::raster::{Canvas, Coloured, Shading, draw};
 use super::tuning::BIN_MM;
-use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
+use super::views::{ORIENTED_VIEWS, cameras};
+use prosopon_geometry::TriMesh;
 
 /// Columns and rows of panels, and a panel's size in pixels.
 const GRID: [usize; 2] = [3, 2];
@@ -19,14 +20,8 @@ const FONT: Font = Font::Large;
 const LINE_PX: usize = 24;
 const GREY: [u8; 3] = [120; 3];
 
-/// Name, viewing direction, and the letters at the panel's left and right.
-const VIEWS: [(&str, [f64; 3], &str, &str); 5] = [
-    ("three-quarter, patient's right", [0.64, 0.77, 0.0], "R", "L"),
-    ("front", [0.0, 1.0, 0.0], "R", "L"),
-    ("three-quarter, patient's left", [-0.64, 0.77, 0.0], "R", "L"),
-    ("patient's right", [1.0, 0.0, 0.0], "P", "A"),
-    ("patient's left", [-1.0, 0.0, 0.0], "A", "P"),
-];
+/// Panels of the sheet, as indices of [`ORIENTED_VIEWS`]: the faces above, the profiles below.
+const PANELS: [usize; 5] = [1, 2, 3, 0, 4];
 
 /// Contents of a sheet.
 #[derive(Debug, Clone, Copy)]
@@ -55,43 +50,22 @@ pub fn render_sheet(sheet: &Sheet<'_>) -> Vec<u8> {
     let cell = [PANEL_PX[0], PANEL_PX[1] + NAME_PX];
     let mut canvas = Canvas::white(GRID[0] * cell[0], TITLE_PX + GRID[1] * cell[1]);
     FONT.write(&mut canvas, sheet.title, 14, 12, BLACK);
-    let cameras: Vec<Camera> = VIEWS.iter().map(|view| camera(sheet.mesh, Vector::from(view.1))).collect();
-    // All panels have the scale of the view that needs most room.
-    let pixels_per_mm = cameras.iter().map(|c| c.pixels_per_mm).fold(f64::INFINITY, f64::min);
+    let views = PANELS.map(|i| ORIENTED_VIEWS[i]);
+    let cameras = cameras(&[sheet.mesh], &views, PANEL_PX);
     let coloured = Coloured { values: sheet.values, limit_mm: sheet.limit_mm };
-    for (i, (view, camera)) in VIEWS.iter().zip(cameras).enumerate() {
+    for (i, (view, camera)) in views.iter().zip(&cameras).enumerate() {
         let (left, top) = (i % GRID[0] * cell[0], TITLE_PX + i / GRID[0] * cell[1]);
         let mut large = Canvas::white(2 * PANEL_PX[0], 2 * PANEL_PX[1]);
-        draw(&mut large, &Camera { pixels_per_mm, ..camera }, sheet.mesh, Some(coloured), Shading::Lit);
+        draw(&mut large, camera, sheet.mesh, Some(coloured), Shading::Lit);
         canvas.paste(&large.halved(), left, top);
         let middle = top + PANEL_PX[1] / 2;
-        FONT.write(&mut canvas, view.2, left + 6, middle, GREY);
-        FONT.write(&mut canvas, view.3, left + PANEL_PX[0] - 16, middle, GREY);
-        let indent = PANEL_PX[0].saturating_sub(FONT.width(view.0)) / 2;
-        FONT.write(&mut canvas, view.0, left + indent, top + PANEL_PX[1] + 6, BLACK);
+        FONT.write(&mut canvas, view.left, left + 6, middle, GREY);
+        FONT.write(&mut canvas, view.right, left + PANEL_PX[0] - 16, middle, GREY);
+        let indent = PANEL_PX[0].saturating_sub(FONT.width(view.name)) / 2;
+        FONT.write(&mut canvas, view.name, left + indent, top + PANEL_PX[1] + 6, BLACK);
     }
     numbers(&mut canvas, sheet, (GRID[0] - 1) * cell[0] + 16, TITLE_PX + cell[1] + 10);
     encode(&canvas)
-}
-
-/// Camera of a panel at twice the size; the surface fills nine tenths of it.
-fn camera(mesh: &TriMesh, direction: Vector) -> Camera {
-    let into = direction.normalize();
-    let right = into.cross(&Vector::z()).normalize();
-    let up = right.cross(&into);
-    let seen: Vec<Point> = mesh
-        .triangles()
-        .iter()
-        .flatten()
-        .map(|v| mesh.positions()[*v as usize].coords)
-        .map(|p| Point::new(right.dot(&p), up.dot(&p), into.dot(&p)))
-        .collect();
-    let bounds = Aabb::of(&seen).unwrap_or(Aabb { min: Point::origin(), max: Point::origin() });
-    let (middle, extent) = (bounds.center(), bounds.max - bounds.min);
-    let centre = Point::from(right * middle.x + up * middle.y + into * middle.z);
-    let fit = |pixels: usize, mm: f64| 0.9 * 2.0 * pixels as f64 / mm.max(1e-6);
-    let pixels_per_mm = fit(PANEL_PX[0], extent.x).min(fit(PANEL_PX[1], extent.y));
-    Camera { centre, right, up, into, pixels_per_mm }
 }
 
 fn numbers(canvas: &mut Canvas, sheet: &Sheet<'_>, left: usize, top: usize) {

@@ -3,7 +3,7 @@ use prosopon_geometry::TriMesh;
 use prosopon_planning::evaluate::{Sheet, render_sheet};
 
 /// Error at which the colours saturate, mm.
-const ERROR_LIMIT_MM: f64 = 3.0;
+pub const ERROR_LIMIT_MM: f64 = 3.0;
 
 /// Draws the error map of `mesh` from all sides with its statistics, as PNG. Call it on the CPU pool.
 #[must_use]

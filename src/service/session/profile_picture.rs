@@ -20,10 +20,22 @@ const HARD: RGBColor = RGBColor(0, 114, 178);
 /// # Errors
 /// [`FaultKind::NotFound`] when the document has no profile.
 pub fn profile_picture(document: &ClinicalDocument) -> Result<String, Fault> {
+    picture(document, true)
+}
+
+/// Draws the same picture without legend and angles, for pages that give them as text.
+///
+/// # Errors
+/// [`FaultKind::NotFound`] when the document has no profile.
+pub fn profile_drawing(document: &ClinicalDocument) -> Result<String, Fault> {
+    picture(document, false)
+}
+
+fn picture(document: &ClinicalDocument, has_legend: bool) -> Result<String, Fault> {
     let mut svg = String::new();
     let frame = Frame::of(document)
         .ok_or_else(|| Fault::new(FaultKind::NotFound, "there is no profile: the midsagittal plane misses the skin"))?;
-    drawn(&mut svg, document, &frame).map_err(|detail| Fault::new(FaultKind::Internal, detail))?;
+    drawn(&mut svg, document, &frame, has_legend).map_err(|detail| Fault::new(FaultKind::Internal, detail))?;
     Ok(svg)
 }
 
@@ -53,11 +65,12 @@ impl Frame {
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
-fn drawn(svg: &mut String, document: &ClinicalDocument, frame: &Frame) -> Result<(), String> {
+fn drawn(svg: &mut String, document: &ClinicalDocument, frame: &Frame, has_legend: bool) -> Result<(), String> {
     let said = |e: DrawingAreaErrorKind<_>| e.to_string();
     let width = ((frame.y[1] - frame.y[0]) * SCALE).ceil() as u32;
     let height = ((frame.z[1] - frame.z[0]) * SCALE).ceil() as u32;
-    let root = SVGBackend::with_string(svg, (width + LEGEND_PX, height)).into_drawing_area();
+    let column = if has_legend { LEGEND_PX } else { 0 };
+    let root = SVGBackend::with_string(svg, (width + column, height)).into_drawing_area();
     root.fill(&WHITE).map_err(said)?;
     let line = |root: &Area<'_>, points: &dyn Fn(&ProfilePieceDocument) -> Vec<[f64; 2]>, style: ShapeStyle| {
         for piece in &document.profile {
@@ -77,7 +90,9 @@ fn drawn(svg: &mut String, document: &ClinicalDocument, frame: &Frame) -> Result
             root.draw(&Circle::new(to, 3, color.filled())).map_err(said)?;
         }
     }
-    legend(&root, document, width as i32)?;
+    if has_legend {
+        legend(&root, document, width as i32)?;
+    }
     root.present().map_err(said)
 }
 

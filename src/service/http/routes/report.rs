@@ -1,16 +1,23 @@
 use axum::extract::State;
-use axum::http::{HeaderMap, header};
+use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
-use super::report_page::report_page;
-use super::results::{Movement, draw_error, draw_step};
+use super::report_page::{CaseNames, report_page};
+use super::report_pictures::pictures;
 use crate::http::extract::{Ids, Params};
 use crate::http::result::{not_modified, tag_of, tagged};
 use crate::http::{AppState, Problem};
-use prosopon_contract::{Fault, FaultKind, ReportDocument};
-use prosopon_store::{JobId, JobKind};
+use prosopon_contract::{Fault, FaultKind, OsteotomyDocument, ReportDocument, from_json};
+use prosopon_jobs::Service;
+use prosopon_store::{JobId, JobKind, JobRecord};
+
+/// Version of the page's layout: a browser that has an older one loads it again.
+const PAGE_LAYOUT: &str = "2";
+/// Content policy of the page: its own styles, pictures inside it, and nothing else.
+const PAGE_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; \
+    base-uri 'none'; form-action 'none'";
 
 /// Format of a report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
@@ -57,19 +64,43 @@ pub(in crate::http) async fn report(
     let accepts_html =
         headers.get(header::ACCEPT).and_then(|a| a.to_str().ok()).is_some_and(|a| a.contains("text/html"));
     let form = query.format.unwrap_or(if accepts_html { ReportForm::Html } else { ReportForm::Json });
-    let tag = tag_of(&[&text, if form == ReportForm::Html { "html" } else { "json" }]);
-    if let Some(known) = not_modified(&headers, &tag) {
-        return Ok(known);
-    }
     if form == ReportForm::Json {
+        let tag = tag_of(&[&text, "json"]);
         return tagged(&headers, &tag, "application/json", text.into());
     }
-    let mut pictures = Vec::new();
-    if let Some(step) = state.service.store().steps(id).await?.last() {
-        pictures.push(("Before and after", draw_step(&state.service, &job, step, Movement::Forward).await?));
-        if step.error.is_some() {
-            pictures.push(("Signed error", draw_error(&state.service, &job, step).await?));
-        }
+    page(&state.service, &job, &text, &headers).await
+}
+
+/// The report as a page. Its tag includes the names, which are stored apart from the report.
+async fn page(service: &Service, job: &JobRecord, text: &str, headers: &HeaderMap) -> Result<Response, Problem> {
+    let report: ReportDocument = from_json("the report", text)?;
+    let names = case_names(service, job, &report).await?;
+    let tag = tag_of(&[text, "html", PAGE_LAYOUT, &format!("{names:?}")]);
+    if let Some(known) = not_modified(headers, &tag) {
+        return Ok(known);
     }
-    tagged(&headers, &tag, "text/html; charset=utf-8", report_page(&text, &pictures)?.into())
+    let rows = match service.store().steps(job.id).await?.last() {
+        Some(step) => pictures(service, job, step).await?,
+        None => Vec::new(),
+    };
+    let page = report_page(&report, &names, &rows)?;
+    let mut response = tagged(headers, &tag, "text/html; charset=utf-8", page.into())?;
+    response.headers_mut().insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(PAGE_POLICY));
+    Ok(response)
+}
+
+/// Label of the job's session, and names of the segments of its osteotomy if that is still stored.
+async fn case_names(service: &Service, job: &JobRecord, report: &ReportDocument) -> Result<CaseNames, Problem> {
+    let session = service.store().session(job.session).await?;
+    let id = report.parameters.get("osteotomy").and_then(|id| id.as_str()).and_then(|id| id.parse().ok());
+    let record = match id {
+        Some(id) => service.store().osteotomy(job.session, id).await?,
+        None => None,
+    };
+    let segments = match record {
+        Some(record) => from_json::<OsteotomyDocument>("the osteotomy", &record.document)?.segments,
+        None => Vec::new(),
+    };
+    let segments = segments.into_iter().filter_map(|s| s.name.map(|name| (s.id, name))).collect();
+    Ok(CaseNames { label: session.and_then(|s| s.label), segments })
 }

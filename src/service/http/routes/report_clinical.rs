@@ -1,12 +1,11 @@
-//! The part of the report's page in a surgeon's terms.
+//! The part of the report's page about named points of skin, bone and teeth.
 
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
-use maud::{Markup, html};
+use serde::Serialize;
 
-use super::report_table::{mm, table};
-use prosopon_contract::{BeforeAfterDocument, ClinicalDocument, ErrorDocument, NamedPointDocument, StatisticsDocument};
-use prosopon_session::profile_picture;
+use super::report_pictures::data_uri;
+use super::report_table::{Table, movement, sentence};
+use prosopon_contract::{BeforeAfterDocument, ClinicalDocument, NamedPointDocument, SoftToHardDocument};
+use prosopon_session::profile_drawing;
 
 /// Words for the points, as on a cephalometric tracing.
 const WORDS: [(&str, &str); 17] = [
@@ -33,63 +32,108 @@ fn word(name: &str) -> &str {
     WORDS.iter().find(|(known, _)| *known == name).map_or(name, |(_, word)| word)
 }
 
-/// Tables of points, ratios and angles, with the picture of the profile.
-pub(super) fn clinical(c: &ClinicalDocument) -> Markup {
-    let point = |p: &NamedPointDocument| {
-        let mark = if p.proposed { " *" } else { "" };
-        vec![format!("{}{mark}", word(&p.name)), mm(p.forward_mm), mm(p.down_mm), mm(p.left_mm)]
-    };
-    let names = ["point", "forward", "down", "left"];
-    let ratios = c.ratios.iter().map(|r| {
-        let share = match (r.ratio, &r.reason) {
-            (Some(ratio), _) => format!("{ratio:.2}"),
-            (None, reason) => format!("– ({})", reason.as_deref().unwrap_or("not known")),
-        };
-        vec![word(&r.soft).to_owned(), r.hard.as_deref().map_or("–", word).to_owned(), share]
+/// Points, ratios, angles and profile.
+#[derive(Debug, Serialize)]
+pub(super) struct Clinical {
+    soft: Table,
+    hard: Table,
+    angles: Table,
+    /// Picture of the profile as a data URI; `None` without a profile.
+    profile: Option<String>,
+    /// Points that were found by the program, and other facts on which the measurements depend.
+    notes: Vec<String>,
+}
+
+pub(super) fn clinical(c: &ClinicalDocument) -> Clinical {
+    let soft = c.soft_points.iter().map(|p| {
+        let ratio = c.ratios.iter().find(|r| r.soft == p.name).and_then(ratio);
+        point(p).chain([ratio.unwrap_or_else(|| "–".to_owned())]).collect()
     });
-    let value = |name: &str, unit: &str, value: &Option<BeforeAfterDocument>| {
-        let row = |v: &BeforeAfterDocument| {
-            let change = format!("{:+.1}{unit}", v.after - v.before);
-            vec![name.to_owned(), format!("{:.1}{unit}", v.before), format!("{:.1}{unit}", v.after), change]
-        };
-        value.as_ref().map(row)
-    };
+    let hard = c.hard_points.iter().map(|p| point(p).collect());
     let angles = [
-        value("nasolabial angle", "°", &c.nasolabial_deg),
-        value("labiomental angle", "°", &c.labiomental_deg),
-        value("gap between the lips", " mm", &c.lip_gap_mm),
+        change("nasolabial angle", "°", c.nasolabial_deg),
+        change("labiomental angle", "°", c.labiomental_deg),
+        change("gap between the lips", " mm", c.lip_gap_mm),
     ];
     let is_proposed = c.soft_points.iter().chain(&c.hard_points).any(|p| p.proposed);
-    html! {
-        @if let Ok(svg) = profile_picture(c) {
-            h2 { "Profile before and after" }
-            img alt="Profile before and after" src={ "data:image/svg+xml;base64," (STANDARD.encode(svg)) };
-        }
-        (table("Soft tissue points, mm", &names, c.soft_points.iter().map(point)))
-        (table("Bone and teeth, mm", &names, c.hard_points.iter().map(point)))
-        (table("Soft to hard ratio, along the motion of the hard point", &["soft", "hard", "ratio"], ratios))
-        (table("Angles and lips", &["", "before", "after", "change"], angles.into_iter().flatten()))
-        p class="note" {
-            @if is_proposed { "* found by the program: check the point before relying on its movement. " }
-            @if c.midline_proposed { "The midline was found by the program. " }
-            @if c.mouth_sealed { "The lips cannot part in this prediction: its skin is one sheet across the mouth." }
-        }
+    let notes = [
+        (is_proposed, "* The program found this point. Check it before you rely on its movement."),
+        (c.midline_proposed, "The program found the midline."),
+        (c.mouth_sealed, "The lips cannot part in this prediction: its skin is one sheet across the mouth."),
+    ];
+    Clinical {
+        soft: Table::new(
+            "Soft tissue points, mm",
+            &["point", "forward / back", "down / up", "left / right", "ratio to bone"],
+            soft,
+        )
+        .with_notes(ratio_notes(c)),
+        hard: Table::new("Bone and teeth, mm", &["point", "forward / back", "down / up", "left / right"], hard),
+        angles: Table::new("Angles and lips", &["measure", "before", "after", "change"], angles.into_iter().flatten()),
+        profile: profile_drawing(c).ok().map(|svg| data_uri("image/svg+xml", svg.as_bytes())),
+        notes: notes.into_iter().filter(|(holds, _)| *holds).map(|(_, note)| note.to_owned()).collect(),
     }
 }
 
-/// Table of the error beside that of no prediction and of 0.7 of the nearest bone, by region.
-pub(super) fn beside_baselines(error: &ErrorDocument) -> Markup {
-    let cells = |s: Option<&StatisticsDocument>| match s {
-        Some(s) => [s.mean_abs_mm, s.p95_mm, s.mean_mm].map(mm).join(" / "),
-        None => "–".to_owned(),
-    };
-    let rows = error.beside_baselines();
-    let rows = rows.into_iter().map(|(name, of)| std::iter::once(name.to_owned()).chain(of.map(cells)).collect());
-    let names = ["region", "prediction", "no prediction", "0.7 of nearest bone"];
-    html! {
-        (table("Error beside two simple predictions: mean / P95 / signed mean, mm", &names, rows))
-        @if let Some(missing) = error.baselines.as_ref().and_then(|b| b.missing.as_ref()) {
-            p class="note" { "Not every simple prediction could be scored: " (missing) "." }
-        }
+fn point(p: &NamedPointDocument) -> impl Iterator<Item = String> {
+    let mark = if p.proposed { " *" } else { "" };
+    let name = format!("{}{mark}", word(&p.name));
+    std::iter::once(name).chain(movement(p.forward_mm, p.down_mm, p.left_mm))
+}
+
+/// The ratio with the hard point to which it refers.
+fn ratio(r: &SoftToHardDocument) -> Option<String> {
+    r.ratio.map(|ratio| match &r.hard {
+        Some(hard) => format!("{ratio:.2} of {}", word(hard)),
+        None => format!("{ratio:.2}"),
+    })
+}
+
+/// What the ratios are, and why some are missing.
+fn ratio_notes(c: &ClinicalDocument) -> Vec<String> {
+    let missing = c.ratios.iter().filter(|r| r.ratio.is_none()).map(|r| {
+        let reason = r.reason.as_deref().unwrap_or("not known");
+        let hard = r.hard.as_deref().map(|hard| format!(" to {}", word(hard))).unwrap_or_default();
+        sentence(&format!("no ratio of {}{hard}: {reason}", word(&r.soft)))
+    });
+    let meaning = "Ratio: movement of the soft point along that of the bone or tooth below it, as a share of it.";
+    let meaning = (!c.ratios.is_empty()).then(|| meaning.to_owned());
+    meaning.into_iter().chain(missing).collect()
+}
+
+fn change(name: &str, unit: &str, value: Option<BeforeAfterDocument>) -> Option<Vec<String>> {
+    value.map(|v| {
+        let change = format!("{:+.1}{unit}", v.after - v.before);
+        vec![name.to_owned(), format!("{:.1}{unit}", v.before), format!("{:.1}{unit}", v.after), change]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ratio_of(ratio: Option<f64>) -> SoftToHardDocument {
+        let reason = ratio.is_none().then(|| "the hard point moves by only 0.2 mm".to_owned());
+        SoftToHardDocument { soft: "subnasale".to_owned(), hard: Some("a_point".to_owned()), ratio, reason }
+    }
+
+    #[test]
+    fn a_ratio_names_its_hard_point() {
+        assert_eq!(ratio(&ratio_of(Some(0.743))).as_deref(), Some("0.74 of A point"));
+        assert_eq!(ratio(&ratio_of(None)), None);
+    }
+
+    #[test]
+    fn a_point_that_the_program_found_has_a_mark() {
+        let p = NamedPointDocument {
+            name: "pronasale".to_owned(),
+            position_mm: [0.0, -110.0, 40.0],
+            forward_mm: 2.1,
+            down_mm: -3.0,
+            left_mm: 0.0,
+            proposed: true,
+        };
+        let cells: Vec<String> = point(&p).collect();
+        assert_eq!(cells, ["tip of the nose (Prn) *", "2.1 forward", "3.0 up", "0.0"]);
     }
 }

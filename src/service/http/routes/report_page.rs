@@ -1,208 +1,200 @@
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+//! The report as a page for a clinician, made by the template `report.html`.
 
-use super::report_clinical::{beside_baselines, clinical};
-use super::report_table::{mm, table};
+use std::collections::BTreeMap;
+
+use minijinja::value::Serde;
+use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value};
+use serde::Serialize;
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
+use time::macros::format_description;
+
+use super::report_appendix::{Appendix, appendix};
+use super::report_clinical::{Clinical, clinical};
+use super::report_errors::{Errors, errors};
+use super::report_pictures::PictureRow;
+use super::report_plan::{Plan, plan};
+use super::report_table::{Table, movement, region, sentence};
 use crate::http::Problem;
-use prosopon_contract::{
-    AttachedDocument, ErrorDocument, Findings, PathSample, PlanDocument, ReportDocument, SeverityName, from_json,
-};
+use prosopon_contract::{FaultKind, Findings, ReportDocument, SeverityName, WarningDocument};
 
-/// Style of the page: two columns below the pictures, one A4 sheet unless there are many warnings.
-const STYLE: &str = "@page{size:A4;margin:8mm}*{box-sizing:border-box}body{font:9px/1.3 Helvetica,Arial,sans-serif;color:#222;max-width:194mm;\
-margin:0 auto;padding:2mm 0}h1{font-size:15px;margin:0}h2{font-size:10px;margin:2mm 0 .6mm;color:#245}p{margin:.6mm 0}img{display:block;\
-width:100%}.strip img{max-height:68mm;object-fit:contain}.columns:after{content:'';display:block;clear:both}.left{float:left;width:55%}\
-.right{float:right;width:43%}table{border-collapse:collapse;width:100%}td,th{padding:.15mm 1mm;border-bottom:.2mm solid #ddd;\
-text-align:right;font-weight:normal}th{color:#666}td:first-child,th:first-child{text-align:left}code{font-size:6.5px;word-break:break-all}\
-ul{margin:0;padding-left:4mm}.note{color:#666;font-size:8px}.unreliable{color:#a00;font-weight:bold}";
-/// Number of steps that fit on the page; the table shows the last ones.
-const STEPS: usize = 6;
+/// The template and its name, whose ending `.html` stands for HTML.
+const NAME: &str = "report.html";
+const TEMPLATE: &str = include_str!("report.html");
 
-/// Renders the report as one self-contained page.
-///
-/// `pictures` are titles with PNG bytes: before and after, then the error.
-pub(super) fn report_page(report: &str, pictures: &[(&str, Vec<u8>)]) -> Result<String, Problem> {
-    let r: ReportDocument = from_json("the report", report)?;
-    let (first, others) = pictures.split_at(pictures.len().min(1));
-    let regions = r.regions.iter().map(|(name, m)| vec![name.clone(), mm(m.forward_mm), mm(m.down_mm), mm(m.left_mm)]);
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            meta charset="utf-8";
-            title { "Prosopon report " (r.job) }
-            style { (PreEscaped(STYLE)) }
-            h1 { "Predicted skin after bone movement" }
-            p {
-                "Job " code { (r.job) } ", session " code { (r.session) } ", " (r.finished_at) ". Model " b { (r.model) }
-                ", Prosopon " (r.version) ". " b { "Not a medical device." }
-            }
-            div class="strip" { @for (title, png) in first { (picture(title, png)) } }
-            div class="columns" {
-                div class="left" {
-                    @for (title, png) in others { (picture(title, png)) }
-                    (warnings(&r.findings))
-                    @if let Some(measured) = &r.clinical { (clinical(measured)) }
-                    (inputs(&r))
-                    (notes(&r.findings))
-                }
-                div class="right" {
-                    (plan(&r.plan))
-                    (table("Mean movement of the skin, mm", &["region", "forward", "down", "left"], regions))
-                    @if let Some(error) = &r.error { (errors(error)) (beside_baselines(error)) }
-                    (numerics(&r))
-                }
-            }
-        }
+/// Names that the report does not have.
+#[derive(Debug, Default)]
+pub(super) struct CaseNames {
+    /// Label of the session.
+    pub(super) label: Option<String>,
+    /// Names of the segments by number; empty when the osteotomy was deleted or the session has none.
+    pub(super) segments: BTreeMap<u32, String>,
+}
+
+/// Everything that the template shows.
+#[derive(Debug, Serialize)]
+struct Page<'a> {
+    label: Option<&'a str>,
+    finished: String,
+    job: &'a str,
+    session: &'a str,
+    version: &'a str,
+    attempt: u32,
+    model: &'a str,
+    warnings: Vec<Group>,
+    plan: Plan,
+    regions: Table,
+    clinical: Option<Clinical>,
+    pictures: &'a [PictureRow],
+    errors: Option<Errors>,
+    appendix: Appendix,
+}
+
+/// Warnings of one severity.
+#[derive(Debug, Serialize)]
+struct Group {
+    /// Class of the style sheet.
+    class: &'static str,
+    title: &'static str,
+    findings: Vec<Finding>,
+}
+
+#[derive(Debug, Serialize)]
+struct Finding {
+    message: String,
+    action: Option<String>,
+    code: String,
+}
+
+/// Renders the report as one self-contained page: no script, no other file, all texts escaped.
+pub(super) fn report_page(r: &ReportDocument, names: &CaseNames, pictures: &[PictureRow]) -> Result<String, Problem> {
+    let moved = |(name, m): (&String, &prosopon_contract::RegionMotionDocument)| {
+        std::iter::once(region(name)).chain(movement(m.forward_mm, m.down_mm, m.left_mm)).collect()
     };
-    Ok(page.into_string())
+    let page = Page {
+        label: names.label.as_deref(),
+        finished: date(&r.finished_at),
+        job: &r.job,
+        session: &r.session,
+        version: &r.version,
+        attempt: r.attempt,
+        model: &r.model,
+        warnings: groups(&r.findings),
+        plan: plan(&r.plan, &names.segments),
+        regions: Table::new(
+            "Mean movement of the skin by region, mm",
+            &["region", "forward / back", "down / up", "left / right"],
+            r.regions.iter().map(moved),
+        ),
+        clinical: r.clinical.as_ref().map(clinical),
+        pictures,
+        errors: r.error.as_ref().map(errors),
+        appendix: appendix(r, &names.segments),
+    };
+    render(&page).map_err(|error| {
+        tracing::error!(%error, "the report's page cannot be made");
+        Problem::new(FaultKind::Internal, "the report's page cannot be made; see the log")
+    })
 }
 
-fn picture(title: &str, png: &[u8]) -> Markup {
-    html! { img alt=(title) src={ "data:image/png;base64," (STANDARD.encode(png)) }; }
+fn render(page: &impl Serialize) -> Result<String, minijinja::Error> {
+    let mut environment = Environment::new();
+    environment.set_auto_escape_callback(|_| AutoEscape::Html);
+    // A member that the template misspells is an error, not an empty text.
+    environment.set_undefined_behavior(UndefinedBehavior::Strict);
+    environment.add_template(NAME, TEMPLATE)?;
+    environment.get_template(NAME)?.render(Value::from(Serde(page)))
 }
 
-fn warnings(findings: &Findings) -> Markup {
-    html! {
-        @if !findings.warnings.is_empty() {
-            h2 { "Warnings" }
-            ul {
-                @for warning in &findings.warnings {
-                    li class=[(warning.severity == SeverityName::Unreliable).then_some("unreliable")] { (warning.to_string()) }
-                }
+/// Warnings by severity, the gravest first.
+fn groups(findings: &Findings) -> Vec<Group> {
+    let of = |severity: SeverityName| {
+        let same = findings.warnings.iter().filter(|w| w.severity == severity);
+        let (class, title) = match severity {
+            SeverityName::Unreliable => {
+                ("unreliable", "Unreliable: do not rely on the result, or on the part named here")
             }
-        }
-    }
-}
-
-fn notes(findings: &Findings) -> Markup {
-    html! {
-        @if !findings.notes.is_empty() {
-            h2 { "Notes" }
-            ul class="note" { @for note in &findings.notes { li { (note.message) } } }
-        }
-    }
-}
-
-fn inputs(r: &ReportDocument) -> Markup {
-    html! {
-        h2 { "Inputs, SHA-256" }
-        table {
-            @for (name, input) in &r.inputs {
-                tr { td { (name) } td { code { (input.source_sha256.as_ref().unwrap_or(&input.sha256)) } } }
-            }
-        }
-    }
-}
-
-/// End position of each segment, its translation given in the surgeon's directions.
-fn plan(plan: &PlanDocument) -> Markup {
-    let rows = plan.paths.iter().map(|path| {
-        let report = plan.reports.iter().find(|r| r.segment == path.segment);
-        let end = path.waypoints.last();
-        let moved = report.map(|r| r.centroid_displacement_mm).or(end.map(|w| w.translation_mm)).unwrap_or_default();
-        let turned = end.map_or(0.0, |w| 2.0 * w.quaternion_xyzw[3].abs().min(1.0).acos().to_degrees());
-        let most = |of: fn(&PathSample) -> f64| match report {
-            Some(r) => mm(r.along.iter().map(of).fold(0.0, f64::max)),
-            None => "–".to_owned(),
+            SeverityName::Check => ("check", "Check: the result may differ from what was wanted"),
+            SeverityName::Info => ("info", "For information"),
         };
-        vec![
-            path.segment.to_string(),
-            mm(-moved[1]),
-            mm(-moved[2]),
-            mm(moved[0]),
-            format!("{turned:.1}°"),
-            most(|s| s.overlap_mm),
-            most(|s| s.gap_mm),
-        ]
-    });
-    table("Plan, mm", &["segment", "forward", "down", "left", "turn", "overlap", "gap"], rows)
+        Group { class, title, findings: same.map(finding).collect() }
+    };
+    let all = [SeverityName::Unreliable, SeverityName::Check, SeverityName::Info].map(of);
+    all.into_iter().filter(|group| !group.findings.is_empty()).collect()
 }
 
-fn errors(error: &ErrorDocument) -> Markup {
-    let whole = std::iter::once(("counted", &error.whole)).chain(error.regions.iter().map(|(n, s)| (n.as_str(), s)));
-    let rows = whole.chain(std::iter::once(("from reference", &error.backward))).map(|(name, s)| {
-        let share = format!("{:.0} %", 100.0 * s.share_below_1_mm);
-        let lengths = [s.mean_mm, s.mean_abs_mm, s.rms_mm, s.p50_mm, s.p90_mm, s.p95_mm, s.max_mm].map(mm);
-        std::iter::once(name.to_owned()).chain(lengths).chain([share]).collect()
-    });
-    let title = format!("{} ({}), mm", error.title(), error.reference);
-    let names = ["region", "mean", "abs", "RMS", "P50", "P90", "P95", "max", "< 1 mm"];
-    let w = &error.whole;
-    html! {
-        (table(&title, &names, rows))
-        p class="note" {
-            "Variance " (format!("{:.3}", w.variance_mm2)) " mm², L2 norm " (format!("{:.1}", w.l2_norm_mm)) " mm over " (w.count)
-            " vertices, below 2 mm " (format!("{:.1}", 100.0 * w.share_below_2_mm)) " %, below 3 mm "
-            (format!("{:.1}", 100.0 * w.share_below_3_mm)) " %. All values except the L2 norm are weighted by area. "
-            "Negative: the prediction lies behind the reference."
-        }
-        @if let Some(r) = &error.registration {
-            p class="note" {
-                "Registered on " (r.vertices) " vertices: residual " (format!("{:.3}", r.residual_mm)) " mm, overlap "
-                (format!("{:.0}", 100.0 * r.overlap)) " %, " (r.iterations) " iterations."
-            }
-        }
+fn finding(w: &WarningDocument) -> Finding {
+    Finding { message: sentence(&w.message), action: w.action.as_deref().map(sentence), code: w.code.clone() }
+}
+
+/// An RFC 3339 time as "28 November 2026, 03:32 UTC"; other texts stay as they are.
+fn date(text: &str) -> String {
+    let form = format_description!("[day padding:none] [month repr:long] [year], [hour]:[minute] UTC");
+    let time = OffsetDateTime::parse(text, &Rfc3339).ok().map(|t| t.to_offset(time::UtcOffset::UTC));
+    time.and_then(|t| t.format(form).ok()).unwrap_or_else(|| text.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// A report with as little as a stored one can have.
+    fn report(warnings: &serde_json::Value) -> ReportDocument {
+        serde_json::from_value(json!({
+            "format_version": 1, "version": "0.1.0", "job": "job-id", "session": "session-id",
+            "finished_at": "2026-11-08T03:02:35.499Z", "attempt": 1, "model": "linear",
+            "parameters": {"steps": 2, "cuts": [{"name": "le_fort_1"}]},
+            "inputs": {"skin": {"sha256": "aa", "source_sha256": null}},
+            "phases": {"surfaces_s": 0.0, "field_s": 0.0, "cut_s": 0.0, "mesh_s": 0.0, "plan_s": 0.0, "solve_s": 1.0,
+                "total_s": 1.0},
+            "plan": {"label": "<i>plan</i>", "wall_s": 0.0, "reports": [], "paths": [{"segment": 1, "waypoints": [
+                {"t": 1.0, "translation_mm": [0.0, -6.0, -1.5], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}]}]},
+            "steps": [], "regions": {"cheek_left": {"forward_mm": 1.3, "down_mm": -0.5, "left_mm": 0.0}},
+            "error": null, "regions_from_landmarks": true, "warnings": warnings
+        }))
+        .unwrap()
     }
-}
 
-/// Tables of steps and times, and notes on attachment and mesh.
-fn numerics(r: &ReportDocument) -> Markup {
-    let steps = r.steps.iter().skip(r.steps.len().saturating_sub(STEPS)).map(|s| {
-        vec![
-            s.k.to_string(),
-            s.outcome.replace('_', " "),
-            format!("{:.2}", s.min_det_f),
-            format!("{:.3}", s.max_penetration_mm),
-            format!("{:.0e}", s.relative_residual),
-            s.newton_iterations.to_string(),
-            format!("{:.1}", s.wall_s),
-        ]
-    });
-    let p = &r.phases;
-    let phases = [
-        ("surfaces", p.surfaces_s),
-        ("field", p.field_s),
-        ("cut", p.cut_s),
-        ("mesh", p.mesh_s),
-        ("plan", p.plan_s),
-        ("solve", p.solve_s),
-        ("total", p.total_s),
-    ];
-    html! {
-        (table("Steps", &["step", "outcome", "det F", "pen., mm", "residual", "iter.", "s"], steps))
-        (table("Time, s", &phases.map(|p| p.0), [phases.map(|p| format!("{:.1}", p.1)).to_vec()]))
-        @if let Some(attached) = &r.attached { (attachment(attached)) }
-        @if let Some(mesh) = mesh(r) { p class="note" { "Mesh: " (mesh) "." } }
+    fn names(label: &str) -> CaseNames {
+        CaseNames { label: Some(label.to_owned()), segments: BTreeMap::from([(1, "maxilla".to_owned())]) }
     }
-}
 
-fn attachment(a: &AttachedDocument) -> Markup {
-    let tied: Vec<String> = a.tied_nodes.iter().map(|(segment, n)| format!("{n} to segment {segment}")).collect();
-    html! {
-        p class="note" {
-            "Nodes at bone: tied " (if tied.is_empty() { "none".to_owned() } else { tied.join(", ") }) "; " (a.sliding_nodes)
-            " sliding, " (a.free_nodes_at_bone) " free. " (a.fixed_nodes) " fixed at the mesh's boundary, " (a.painted_nodes)
-            " painted."
+    #[test]
+    fn a_label_cannot_become_markup() {
+        let page = report_page(&report(&json!([])), &names("<script>alert('1')</script>"), &[]).unwrap();
+        assert!(!page.contains("<script"), "{page}");
+        assert!(page.contains("&lt;script&gt;alert(") && page.contains("&lt;i&gt;plan"), "{page}");
+    }
+
+    #[test]
+    fn the_plan_has_names_and_directions() {
+        let page = report_page(&report(&json!([])), &names("Case 7"), &[]).unwrap();
+        for part in
+            ["Case 7", "maxilla", "6.0 mm forward", "1.5 mm down", "left cheek", "1.3 forward", "0.5 up", "le fort 1"]
+        {
+            assert!(page.contains(part), "{part}");
         }
     }
-}
 
-fn mesh(r: &ReportDocument) -> Option<String> {
-    match (&r.mesh, &r.tissue) {
-        (Some(m), _) => Some(format!(
-            "{} tetrahedra, {} prisms, smallest dihedral angle {:.1}°, {} inverted, volume error {:.4}, at most {} mm from the skin",
-            m.tetrahedra,
-            m.prisms,
-            m.min_dihedral_deg,
-            m.inverted,
-            m.volume_error,
-            mm(m.max_skin_distance_mm)
-        )),
-        (None, Some(t)) => Some(format!(
-            "uploaded mesh of {} nodes, {} tetrahedra, {} wedges, {} sliding nodes",
-            t.nodes, t.tetrahedra, t.wedges, t.sliding_nodes
-        )),
-        (None, None) => None,
+    #[test]
+    fn the_gravest_warnings_come_first_and_whole() {
+        let long = "a very long message ".repeat(40);
+        let warnings = json!([
+            {"code": "bone-overlap", "severity": "check", "message": long, "action": "Change the path."},
+            {"code": "inside-out-elements", "severity": "unreliable", "message": "2 elements are inside out"}
+        ]);
+        let page = report_page(&report(&warnings), &names("Case 7"), &[]).unwrap();
+        let grave = page.find("2 elements are inside out.").unwrap();
+        let check = page.find("very long message").unwrap();
+        assert!(grave < check, "the gravest first");
+        assert_eq!(page.matches("very long message").count(), 40);
+        assert!(page.contains("Change the path.") && page.contains("inside-out-elements"));
+    }
+
+    #[test]
+    fn dates_are_readable() {
+        assert_eq!(date("2026-11-08T03:02:35.499Z"), "8 November 2026, 03:02 UTC");
+        assert_eq!(date("yesterday"), "yesterday");
     }
 }

@@ -390,14 +390,14 @@ fn view() -> View {
     View { direction: Vector::new(-0.55, 0.8, -0.1).normalize(), up: Vector::z(), size_px: [1560, 620] }
 }
 
-pub(super) async fn draw_error(service: &Service, job: &JobRecord, step: &StepRecord) -> Result<Vec<u8>, Problem> {
+async fn draw_error(service: &Service, job: &JobRecord, step: &StepRecord) -> Result<Vec<u8>, Problem> {
     let document = error_of(job, step)?;
     let (_, mesh, frame) = load(service, job, step).await?;
     let png = service.compute(move |_, _| Ok(error_sheet(&mesh, &frame.error_mm.unwrap_or_default(), &document)));
     Ok(png.await?)
 }
 
-pub(super) async fn draw_step(
+async fn draw_step(
     service: &Service,
     job: &JobRecord,
     step: &StepRecord,

@@ -5,9 +5,9 @@ const service = process.env.VIEWER_SERVICE ?? "http://127.0.0.1:8080";
 // The service takes writes only from its own origin; the page of the development server has another one.
 const proxy = { "/v1": { target: service, changeOrigin: true, headers: { origin: service } } };
 
-// What a strict service would send with the page: the tests run under it.
+// What the service sends with the page.
 const headers = {
-  "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; frame-ancestors 'none'",
+  "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
 };
 
 export default defineConfig({

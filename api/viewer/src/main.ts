@@ -1,6 +1,6 @@
 import "./style.css";
 import { App } from "./actions/app.ts";
-import { listSessions, openSession } from "./actions/sessions.ts";
+import { start } from "./actions/sessions.ts";
 import { Page } from "./ui/page.ts";
 
 const app = new App();
@@ -8,6 +8,4 @@ const root = document.querySelector<HTMLElement>("#app");
 if (!root) throw new Error("the page has no element #app");
 new Page(app, root);
 
-await listSessions(app);
-const session = /^#session=([\w-]+)$/.exec(location.hash)?.[1];
-if (session !== undefined) await openSession(app, session);
+await start(app);

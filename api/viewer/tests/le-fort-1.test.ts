@@ -1,17 +1,23 @@
 import { afterAll, beforeAll, expect, test } from "vitest";
 import { Viewer } from "./page.ts";
+import { Service } from "./service.ts";
 
 /** The whole journey on the phantom takes about a minute on two cores. */
 const JOURNEY_MS = 300_000;
 const JOB_MS = 120_000;
 
+let service: Service;
 let viewer: Viewer;
 
 beforeAll(async () => {
-  viewer = await Viewer.open();
+  service = await Service.start();
+  viewer = await Viewer.open({ service: service.url });
 }, 60_000);
 
-afterAll(() => viewer?.close());
+afterAll(async () => {
+  await viewer?.close();
+  await service?.close();
+});
 
 test("a Le Fort I advancement, from files to displacement", async () => {
   await upload();
@@ -27,12 +33,7 @@ test("a Le Fort I advancement, from files to displacement", async () => {
 async function upload(): Promise<void> {
   const { page } = viewer;
   await viewer.shot("01-start");
-  await page.getByLabel("Label").fill("phantom, Le Fort I");
-  await page.getByRole("button", { name: "New session" }).click();
-  await page.locator(".sessions .chosen").waitFor();
-  await viewer.drop("skin.stl", "skull.stl", "landmarks.json");
-  await page.locator(".parts div", { hasText: "Landmarks" }).getByText("ready").waitFor({ timeout: JOB_MS });
-  await page.getByText("Load the").waitFor({ state: "hidden", timeout: JOB_MS });
+  await viewer.uploadPhantom("phantom, Le Fort I");
   await viewer.shot("02-surfaces");
   expect(await viewer.filledShare()).toBeGreaterThan(0.1);
 
@@ -73,11 +74,7 @@ async function predict(): Promise<void> {
   await viewer.shot("06-movement");
   await page.getByRole("button", { name: "No handles" }).click();
 
-  await viewer.panel("prediction");
-  await page.getByLabel("Steps").fill("2");
-  await page.getByLabel("Edge length, mm").fill("8");
-  await page.getByLabel("Edge length, mm").press("Tab");
-  await page.getByRole("button", { name: "Predict the face" }).click();
+  await viewer.predict(2, 8);
   await page.locator(".job", { hasText: "Prediction" }).getByText("succeeded").waitFor({ timeout: JOB_MS });
   await page.locator("select[name=colour]").waitFor({ timeout: JOB_MS });
   await viewer.shot("07-predicted");

@@ -4,6 +4,9 @@ import { chromium } from "playwright-core";
 import type { Browser, Locator, Page } from "playwright-core";
 import { preview } from "vite";
 import type { PreviewServer } from "vite";
+import { readPicture } from "./picture.ts";
+import type { Colour, Edge, Picture, Place } from "./picture.ts";
+import { freePort } from "./service.ts";
 
 const CHROMIUM_ARGS = [
   "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
@@ -12,12 +15,36 @@ const CHROMIUM_ARGS = [
 
 /** Folder with `skin.stl`, `skull.stl` and `landmarks.json`, as `prosopon demo` writes it. */
 export const PHANTOM = process.env["VIEWER_PHANTOM"] ?? "../../prosopon-demo/phantom";
-const SHOTS = process.env["VIEWER_SHOTS"] ?? "shots";
+export const SHOTS = process.env["VIEWER_SHOTS"] ?? "shots";
 
 const AXE = readFileSync(new URL("../node_modules/axe-core/axe.min.js", import.meta.url), "utf8");
 
 interface AxeResults {
   violations: { id: string; impact: string; nodes: { html: string }[] }[];
+}
+
+/** How a page is served. */
+export interface Serving {
+  /** Address of the service. */
+  service: string;
+  /** Port of the page; a free one when absent. */
+  port?: number;
+  /** Whether the page calls the service across origins; otherwise its own server passes the calls on. */
+  isForeign?: boolean;
+  /** Whether the browser has a touch screen. */
+  hasTouch?: boolean;
+}
+
+/** An axis of a handle, and how the tests find it in the picture. */
+export interface HandleAxis {
+  /** Name of the buttons that show the handle, and the one that shows this axis. */
+  group: string;
+  mode: "Move" | "Turn";
+  /** three.js draws x red, y green, z blue. */
+  colour: Colour;
+  /** End of the arrow, or place on the ring, that is dragged. Rings cross at the right and at the top. */
+  edge: Edge;
+  tip: string;
 }
 
 /** A browser on the built page, with the service behind it. */
@@ -40,13 +67,14 @@ export class Viewer {
     });
   }
 
-  static async open(): Promise<Viewer> {
+  static async open(serving: Serving): Promise<Viewer> {
     mkdirSync(SHOTS, { recursive: true });
-    const server = await preview({ preview: { port: 0, host: "127.0.0.1" }, logLevel: "error" });
+    const server = await served(serving);
     const url = server.resolvedUrls?.local[0] ?? "";
     const executablePath = process.env["CHROMIUM"] ?? "/usr/bin/chromium";
     const browser = await chromium.launch({ executablePath, args: CHROMIUM_ARGS });
-    const page = await browser.newPage({ viewport: { width: 1280, height: 860 }, colorScheme: "light" });
+    const hasTouch = serving.hasTouch === true;
+    const page = await browser.newPage({ viewport: { width: 1280, height: 860 }, colorScheme: "light", hasTouch });
     const viewer = new Viewer(page, url, browser, server);
     await page.goto(url);
     return viewer;
@@ -61,7 +89,11 @@ export class Viewer {
     // Two frames: one for the panels, one for the picture.
     await this.page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
     await this.page.waitForTimeout(400);
-    await this.page.screenshot({ path: join(SHOTS, `${name}.png`) });
+    await this.page.screenshot({ path: this.shotPath(name) });
+  }
+
+  shotPath(name: string): string {
+    return join(SHOTS, `${name}.png`);
   }
 
   /** Serious findings of axe-core: contrast, names, roles. The service's policy forbids to inject it as a script, so it is evaluated. */
@@ -73,6 +105,27 @@ export class Viewer {
       const serious = violations.filter(({ impact }) => impact === "serious" || impact === "critical");
       return serious.flatMap(({ id, nodes }) => nodes.map(({ html }) => `${id}: ${html.slice(0, 160)}`));
     });
+  }
+
+  /** Creates a session of the phantom by the page alone, up to its landmarks. */
+  async uploadPhantom(label: string): Promise<void> {
+    const { page } = this;
+    await page.getByLabel("Label").fill(label);
+    await page.getByRole("button", { name: "New session" }).click();
+    await page.locator(".sessions .chosen").waitFor();
+    await this.drop("skin.stl", "skull.stl", "landmarks.json");
+    await page.locator(".parts div", { hasText: "Landmarks" }).getByText("ready").waitFor({ timeout: 120_000 });
+    await page.getByText("Load the").waitFor({ state: "hidden", timeout: 120_000 });
+  }
+
+  /** Starts a prediction by the page. */
+  async predict(steps: number, edgeMm: number): Promise<void> {
+    const { page } = this;
+    await this.panel("prediction");
+    await page.getByLabel("Steps").fill(String(steps));
+    await page.getByLabel("Edge length, mm").fill(String(edgeMm));
+    await page.getByLabel("Edge length, mm").press("Tab");
+    await page.getByRole("button", { name: "Predict the face" }).click();
   }
 
   async openSession(id: string): Promise<void> {
@@ -119,7 +172,51 @@ export class Viewer {
     });
   }
 
-  /** Numbers of the movement panel. */
+  /** Numbers of a free movement in the movement panel. */
+  async motion(): Promise<Record<"forward" | "left" | "down" | "pitch" | "roll" | "yaw", number>> {
+    const field = async (name: string) => Number(await this.page.locator(`[data-panel=movement] input[name=${name}]`).inputValue());
+    const [forward, left, down] = [await field("forward"), await field("left"), await field("down")];
+    return { forward, left, down, pitch: await field("pitch"), roll: await field("roll"), yaw: await field("yaw") };
+  }
+
+  /** Drags an axis of a handle, by pixels to the right and down; expects that the tip names the axis. */
+  async dragHandle(axis: HandleAxis, [right, down]: [number, number]): Promise<void> {
+    const { group, mode, colour, edge, tip } = axis;
+    const buttons = this.page.getByRole("group", { name: group });
+    await buttons.getByRole("button", { name: "No handles" }).click();
+    await this.page.mouse.move(5, 5);
+    const without = await this.picture();
+    await buttons.getByRole("button", { name: mode, exact: true }).click();
+    const at = (await this.picture()).edgeOf(colour, without, edge);
+    const box = await this.page.locator(".picture canvas").boundingBox();
+    if (!box || !at) throw new Error(`the picture has no ${colour} handle`);
+    // From the tip of the arrow, or the rim of the ring, towards the middle.
+    const inward = { right: [-1, 0], top: [0, 1], corner: [-0.7, 0.7] }[edge];
+    const seen: (string | null)[] = [];
+    for (const px of [2, 5, 8, 0, 12]) {
+      const [x, y] = [box.x + at[0] * box.width + px * (inward[0] ?? 0), box.y + at[1] * box.height + px * (inward[1] ?? 0)];
+      await this.page.mouse.move(x, y);
+      await this.page.waitForTimeout(500);
+      seen.push(await this.page.locator(".tip").textContent());
+      if (seen.at(-1) !== tip) continue;
+      await this.page.mouse.down();
+      await this.page.mouse.move(x + right, y + down, { steps: 4 });
+      await this.page.waitForTimeout(300);
+      await this.page.mouse.up();
+      await this.page.mouse.move(5, 5);
+      return;
+    }
+    throw new Error(`at the ${colour} handle the tips say ${seen.join(", ")} instead of ${tip}`);
+  }
+
+  /** Place of a landmark in the picture: where it grows when it is chosen after `other`. It lies in other rows (shares) than `other`. */
+  async markerPlace(name: string, other: string, rows: [number, number]): Promise<Place> {
+    await this.page.getByRole("button", { name: other, exact: true }).click();
+    const before = await this.picture();
+    await this.page.getByRole("button", { name, exact: true }).click();
+    return (await this.picture()).centreOfDifference(before, rows);
+  }
+
   async movement(): Promise<{ forward: string; down: string }> {
     return { forward: await this.page.getByLabel("Forward, mm").inputValue(), down: await this.page.getByLabel("Down, mm").inputValue() };
   }
@@ -156,15 +253,15 @@ export class Viewer {
     return this.page.locator("[data-panel=landmarks] input").evaluateAll((inputs) => inputs.map((input) => (input as HTMLInputElement).value));
   }
 
-  /** Finds the cursor's place whose tip names the chosen landmark, from the chin upwards on the midline. */
+  /** Finds pogonion by its tip, from the chin upwards on the midline. */
   async #findLandmark(): Promise<{ x: number; y: number }> {
     const box = await this.page.locator(".picture canvas").boundingBox();
     if (!box) throw new Error("the page has no picture");
+    const tip = this.page.locator(".tip");
     const x = box.x + box.width / 2;
     for (let y = box.y + 0.97 * box.height; y > box.y + 0.5 * box.height; y -= 3) {
       await this.page.mouse.move(x, y);
       await this.page.waitForTimeout(60);
-      const tip = this.page.locator(".tip");
       if ((await tip.isVisible()) && /^pogonion/i.test((await tip.textContent()) ?? "")) return { x, y };
     }
     throw new Error("the cursor found no pogonion on the midline");
@@ -183,23 +280,46 @@ export class Viewer {
     }, files);
   }
 
+  /** The picture as it is now. */
+  async picture(): Promise<Picture> {
+    // Two frames: one for the state, one for the drawing.
+    await this.page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+    await this.page.waitForTimeout(300);
+    return readPicture(this.page, await this.page.locator(".picture canvas").screenshot());
+  }
+
   /** Share of the picture's pixels that differ from its corner: the face fills a part of it. */
   async filledShare(): Promise<number> {
-    const picture = await this.page.locator(".picture canvas").screenshot();
-    return this.page.evaluate(async (base64) => {
-      const bytes = Uint8Array.from(atob(base64), (char) => char.charCodeAt(0));
-      const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
-      const canvas = new OffscreenCanvas(image.width, image.height);
-      const context = canvas.getContext("2d") as OffscreenCanvasRenderingContext2D;
-      context.drawImage(image, 0, 0);
-      const { data } = context.getImageData(0, 0, image.width, image.height);
-      const corner = 4 * (image.width * image.height - image.width + 2);
-      let filled = 0;
-      for (let i = 0; i < data.length; i += 4) {
-        const difference = [0, 1, 2].reduce((sum, c) => sum + Math.abs((data[i + c] ?? 0) - (data[corner + c] ?? 0)), 0);
-        if (difference > 24) filled += 1;
-      }
-      return filled / (data.length / 4);
-    }, picture.toString("base64"));
+    return (await this.picture()).filledShare();
   }
+}
+
+/** Serves the built page under a strict policy. */
+async function served({ service, port, isForeign }: Serving): Promise<PreviewServer> {
+  // The policy with which the service sends the page.
+  const policy = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; frame-ancestors 'none'; base-uri 'none'; "
+    + `form-action 'none'; connect-src 'self'${isForeign ? ` ${service}` : ""}`;
+  const own = { target: service, changeOrigin: true, headers: { origin: service } };
+  const html = readFileSync(new URL("../dist/index.html", import.meta.url), "utf8");
+  const addressed = html.replace(/(name="prosopon-service" content=")"/, `$1${service}"`);
+  if (addressed === html) throw new Error("the page has no place for the address of the service");
+  return preview({
+    logLevel: "error",
+    preview: {
+      host: "127.0.0.1",
+      port: port ?? (await freePort()),
+      strictPort: true,
+      proxy: isForeign ? {} : { "/v1": own },
+      headers: { "content-security-policy": policy },
+    },
+    plugins: [{
+      name: "address",
+      configurePreviewServer: ({ middlewares }) => {
+        middlewares.use((request, response, next) => {
+          if (!isForeign || !/^\/(\?|$)/.test(request.url ?? "")) return next();
+          response.writeHead(200, { "content-type": "text/html", "content-security-policy": policy }).end(addressed);
+        });
+      },
+    }],
+  });
 }

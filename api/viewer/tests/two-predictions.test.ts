@@ -1,14 +1,15 @@
 import { afterAll, beforeAll, expect, test } from "vitest";
+import type { JobView } from "@prosopon/client";
 import { openAsBlob } from "node:fs";
 import { join } from "node:path";
-import { Client } from "@prosopon/client";
-import type { JobView } from "@prosopon/client";
+import { leFortCase, planOf } from "./case.ts";
 import { PHANTOM, Viewer } from "./page.ts";
+import { Service } from "./service.ts";
 
 const JOB_MS = 120_000;
 const TEST_MS = 300_000;
 
-const client = new Client({ baseUrl: process.env["VIEWER_SERVICE"] ?? "http://127.0.0.1:8080" });
+let service: Service;
 let viewer: Viewer;
 let session: string;
 /** Solves of two plans: 6 mm forward, then 3 mm forward and 4 mm up. */
@@ -16,26 +17,23 @@ let forward: JobView;
 let upward: JobView;
 
 beforeAll(async () => {
-  ({ id: session } = await client.createSession({ label: "phantom, two plans" }));
-  for (const part of ["skin", "skull"] as const) {
-    await client.putSurface(session, part, await openAsBlob(join(PHANTOM, `${part}.stl`)));
-  }
-  await client.putLandmarks(session, JSON.parse(await (await openAsBlob(join(PHANTOM, "landmarks.json"))).text()));
-  await client.finished((await client.buildField(session)).id);
-  const { id: osteotomy } = await client.createOsteotomy(session, { templates: [{ name: "le_fort_1" }] });
-  await client.finished((await client.buildMesh(session, { osteotomy, edge_mm: 8 })).id);
-  const plans = [];
-  for (const translation_mm of [[0, -6, 0], [0, -3, 4]]) {
-    plans.push(await client.createPlan(session, { osteotomy, paths: [{ segment: 1, waypoints: [{ t: 1, translation_mm }] }] }));
-  }
-  const [first, second] = plans.map(({ id }) => id) as [string, string];
+  service = await Service.start();
+  const made = await leFortCase(service, "phantom, two plans");
+  ({ session } = made);
+  const { client } = made;
+  // The face before is the target: errors are as large as the movement.
+  await client.putSurface(session, "target", await openAsBlob(join(PHANTOM, "skin.stl")));
+  const [first, second] = [await planOf(made, [0, -6, 0]), await planOf(made, [0, -3, 4])];
   // The plan made last is solved first, so that neither order gives the right pairs.
   upward = await client.finished((await client.solve(session, { plan: second, steps: 1 })).id);
   forward = await client.finished((await client.solve(session, { plan: first, steps: 1 })).id);
-  viewer = await Viewer.open();
+  viewer = await Viewer.open({ service: service.url, hasTouch: true });
 }, TEST_MS);
 
-afterAll(() => viewer?.close());
+afterAll(async () => {
+  await viewer?.close();
+  await service?.close();
+});
 
 test("the bone moves by the plan of the shown solve", async () => {
   const { page } = viewer;
@@ -49,6 +47,24 @@ test("the bone moves by the plan of the shown solve", async () => {
   await viewer.job(forward.id).getByRole("button", { name: "Show" }).click();
   await expect.poll(() => viewer.movement()).toEqual({ forward: "6", down: "0" });
   expect(await page.locator(".problem").count()).toBe(0);
+}, TEST_MS);
+
+test("a tap shows the value at a point, of displacement and of signed error", async () => {
+  const { page } = viewer;
+  await viewer.shownJob(forward.id).waitFor({ timeout: JOB_MS });
+  await page.getByRole("button", { name: "Front", exact: true }).click();
+  const box = await page.locator(".picture canvas").boundingBox();
+  const tip = page.locator(".tip");
+  await page.getByRole("checkbox", { name: "Landmarks" }).uncheck();
+  for (const [colour, words] of [["displacement", /^[\d.]+ mm$/], ["error", /^([+−]?[\d.]+ mm|no value)$/]] as const) {
+    await page.locator("select[name=colour]").selectOption(colour);
+    await page.waitForTimeout(300);
+    if (box) await page.touchscreen.tap(box.x + 0.5 * box.width, box.y + 0.66 * box.height);
+    await tip.filter({ hasText: words }).waitFor();
+    await viewer.shot(`19-tap-${colour}`);
+  }
+  await page.locator("select[name=colour]").selectOption("none");
+  await page.getByRole("checkbox", { name: "Landmarks" }).check();
 }, TEST_MS);
 
 test("two solves stand side by side with their distance, by keyboard alone", async () => {

@@ -1,4 +1,5 @@
 import { Client, Problem } from "@prosopon/client";
+import { isAway, REPEAT_MS, serviceAddress } from "./connection.ts";
 import { INITIAL } from "../model/state.ts";
 import type { Display, ShownProblem, State } from "../model/state.ts";
 import { Store } from "../model/store.ts";
@@ -6,7 +7,11 @@ import { Store } from "../model/store.ts";
 /** The page: its state, the client, and the life of the open session. */
 export class App {
   readonly store = new Store<State>(INITIAL);
-  readonly client = new Client({ token: () => this.state.token || undefined });
+  readonly client = new Client({
+    baseUrl: serviceAddress(),
+    token: () => this.state.token || undefined,
+    fetch: (input, init) => this.#fetch(input, init),
+  });
   #scope = new AbortController();
   #nextId = 1;
 
@@ -48,11 +53,32 @@ export class App {
     try {
       return await work();
     } catch (error) {
-      if (!signal.aborted) this.report(during, error);
+      if (!signal.aborted && !this.#asksForFirstToken(error)) this.report(during, error);
       return undefined;
     } finally {
       const at = this.state.busy.indexOf(during);
       this.set({ busy: this.state.busy.toSpliced(at, 1) });
+    }
+  }
+
+  /** `attempt` for a read, which it repeats for as long as the service is away. */
+  load<T>(during: string, read: () => Promise<T>): Promise<T | undefined> {
+    return this.attempt(during, () => this.patiently(read));
+  }
+
+  /** Repeats a read for as long as the service is away; the page says so meanwhile. */
+  async patiently<T>(read: () => Promise<T>): Promise<T> {
+    const { signal } = this;
+    for (;;) {
+      try {
+        return await read();
+      } catch (error) {
+        signal.throwIfAborted();
+        if (!isAway(error)) throw error;
+        this.set({ interrupted: true });
+        await new Promise((done) => setTimeout(done, REPEAT_MS));
+        signal.throwIfAborted();
+      }
     }
   }
 
@@ -64,6 +90,24 @@ export class App {
 
   dismiss(id: number): void {
     this.set({ problems: this.state.problems.filter((problem) => problem.id !== id) });
+  }
+
+  /** Sends a request and notes whether the service answers, and whether it wants a token. */
+  async #fetch(input: RequestInfo | URL, init?: RequestInit): Promise<Response> {
+    try {
+      const response = await fetch(input, init);
+      if (response.status === 401) this.set({ needsToken: true });
+      if (response.status < 500 && this.state.interrupted) this.set({ interrupted: false });
+      return response;
+    } catch (error) {
+      if (!init?.signal?.aborted) this.set({ interrupted: true });
+      throw error;
+    }
+  }
+
+  /** Without a token a refusal is no fault of the user: the page asks for one instead. */
+  #asksForFirstToken(error: unknown): boolean {
+    return error instanceof Problem && error.status === 401 && this.state.token === "";
   }
 }
 

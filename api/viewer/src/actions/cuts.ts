@@ -1,20 +1,23 @@
 import type { JobView } from "@prosopon/client";
 import type { App } from "./app.ts";
+import { cutDocument, isMoved } from "../model/draft.ts";
+import type { Draft } from "../model/draft.ts";
 import { newestSolve, planFor } from "../model/jobs.ts";
 import { motionOfPath, pathRequest, restMotion } from "../model/motion.ts";
 import type { Motion, Point } from "../model/motion.ts";
+import { areCondylesProposed } from "../model/state.ts";
 import type { Cut, OsteotomyView, PlanView, Schemas } from "../model/state.ts";
 import { parsePly } from "./surfaces.ts";
 
 /** Opacity of the skin at which new segments are seen behind it. */
-const SEE_THROUGH = 0.35;
+export const SEE_THROUGH = 0.35;
 
 /** Lists the osteotomies of the open session, and shows the one of its newest solve, else the newest. */
 export async function openCuts(app: App): Promise<void> {
   const { session } = app.state;
   if (!session || session.osteotomies.length === 0) return;
   const { signal } = app;
-  await app.attempt("Load the osteotomies", async () => {
+  await app.load("Load the osteotomies", async () => {
     const [osteotomies, plans] = await Promise.all([app.client.osteotomies(session.id), app.client.plans(session.id)]);
     signal.throwIfAborted();
     app.set({ osteotomies: newestFirst(osteotomies) });
@@ -32,7 +35,7 @@ export async function openCuts(app: App): Promise<void> {
 export async function showPlanOf(app: App, job: JobView): Promise<void> {
   const { session, signal } = { session: app.state.session, signal: app.signal };
   if (!session || !job.plan || app.state.cut?.plan?.id === job.plan) return;
-  await app.attempt("Load the plan", async () => {
+  await app.load("Load the plan", async () => {
     const plan = (await app.client.plans(session.id)).find(({ id }) => id === job.plan);
     const view = app.state.osteotomies.find(({ id }) => id === plan?.osteotomy);
     const cut = view && (await loadCut(app, view, plan));
@@ -44,17 +47,21 @@ export async function showPlanOf(app: App, job: JobView): Promise<void> {
   });
 }
 
-/** Cuts the bone by a template, whose landmarks are those of the session. */
-export async function cutByTemplate(app: App, names: Schemas["TemplateName"][], kerfMm: number): Promise<void> {
-  const { session } = app.state;
-  if (!session) return;
+/** Cuts the bone as the draft shows it: by its templates, or by the cuts themselves when one was moved. `label` names moved cuts. */
+export async function cutDraft(app: App, kerfMm: number, label: string): Promise<void> {
+  const { session, draft } = app.state;
+  if (!session || !draft) return;
   await app.attempt("Cut the bone", async () => {
-    const templates = names.map((name) => (kerfMm > 0 ? { name, kerf_mm: kerfMm } : { name }));
-    const view = await app.client.createOsteotomy(session.id, { templates });
-    app.set({ osteotomies: [view, ...app.state.osteotomies] });
+    const view = await app.client.createOsteotomy(session.id, osteotomyRequest(draft, kerfMm, label));
+    app.set({ osteotomies: [view, ...app.state.osteotomies], draft: undefined });
     await showCut(app, view);
     if (app.state.display.skinOpacity === 1) app.display({ skinOpacity: SEE_THROUGH });
   });
+}
+
+function osteotomyRequest({ templates, cuts }: Draft, kerfMm: number, label: string): Schemas["CreateOsteotomy"] {
+  if (cuts.some(isMoved)) return { label, cuts: cuts.map((cut) => cutDocument(cut, kerfMm)) };
+  return { templates: templates.map((name) => (kerfMm > 0 ? { name, kerf_mm: kerfMm } : { name })) };
 }
 
 /** Shows an osteotomy: loads its segments, with the motions at rest or those of a plan. */
@@ -120,11 +127,20 @@ export async function planMotions(app: App): Promise<PlanView> {
   if (cut.plan) return cut.plan;
   const paths = [...cut.motions].map(([segment, motion]) => pathRequest(segment, motion)).filter((path) => path !== undefined);
   if (paths.length === 0) throw new Error("No segment moves. Give at least one segment a movement.");
+  await storeCondyles(app, session.id, cut);
   const plan = await app.client.createPlan(session.id, { osteotomy: cut.view.id, paths });
   const shown = app.state.cut;
   // A change while the service planned makes this plan outdated.
   if (shown?.view.id === cut.view.id && shown.motions === cut.motions) app.set({ cut: { ...shown, plan } });
   return plan;
+}
+
+/** Stores proposed condyles, still marked as proposed: the service turns a jaw only about stored ones. */
+async function storeCondyles(app: App, session: string, cut: Cut): Promise<void> {
+  const turns = [...cut.motions.values()].some(({ kind }) => kind === "hinge" || kind === "autorotate");
+  if (!turns || !app.state.landmarks || !areCondylesProposed(app.state.landmarks)) return;
+  const document = await app.client.putLandmarks(session, app.state.landmarks.document);
+  app.set({ landmarks: { ...app.state.landmarks, document, changed: false } });
 }
 
 function newestFirst<T extends { created_at: string }>(views: readonly T[]): T[] {

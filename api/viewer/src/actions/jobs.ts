@@ -36,16 +36,21 @@ export const JOB_NAMES: Record<JobView["kind"], string> = {
 export async function follow(app: App, job: JobView, onEvent?: (event: JobEvent) => void): Promise<JobView> {
   const { signal } = app;
   putJob(app, job);
-  const onInterruption = () => app.set({ interrupted: true });
-  for await (const event of app.client.follow(job.id, { signal, onInterruption })) {
-    if (app.state.interrupted) app.set({ interrupted: false });
-    applyEvent(app, job.id, event);
-    onEvent?.(event);
-  }
-  const ended = await app.client.job(job.id);
-  signal.throwIfAborted();
-  putJob(app, ended);
-  await refreshSession(app);
+  let ended = job;
+  let after = 0;
+  do {
+    const onInterruption = () => app.set({ interrupted: true });
+    for await (const event of app.client.follow(job.id, { after, signal, onInterruption })) {
+      after = Math.max(after, event.id);
+      applyEvent(app, job.id, event);
+      onEvent?.(event);
+    }
+    ended = await app.patiently(() => app.client.job(job.id));
+    signal.throwIfAborted();
+    putJob(app, ended);
+    // A service that stops ends the stream of a job that it resumes later.
+  } while (!hasEnded(ended.status));
+  await app.patiently(() => refreshSession(app));
   if (ended.problem) throw new Problem(ended.problem);
   return ended;
 }
@@ -90,7 +95,7 @@ export async function cancelJob(app: App, id: string): Promise<void> {
 
 /** Shows the job that continues a solve; only follows it when the user shows another one by now. */
 async function showNext(app: App, from: string, id: string): Promise<void> {
-  const next = await app.attempt("Read the job that continues the prediction", () => app.client.job(id));
+  const next = await app.load("Read the job that continues the prediction", () => app.client.job(id));
   if (!next) return;
   if (app.state.shownSolve === from) await showSolve(app, next);
   else await app.attempt(JOB_NAMES.solve, () => follow(app, next));

@@ -1,4 +1,5 @@
 import type { App } from "./app.ts";
+import { placeDraft } from "./draft.ts";
 import type { Point } from "../model/motion.ts";
 import { partState } from "../model/state.ts";
 import type { Landmarks } from "../model/state.ts";
@@ -10,7 +11,7 @@ export async function loadLandmarks(app: App): Promise<void> {
   const propose = partState(session, "skin") === "ready" && partState(session, "skull") === "ready";
   if (!propose && partState(session, "landmarks") === "missing") return;
   const { signal } = app;
-  await app.attempt("Load the landmarks", async () => {
+  await app.load("Load the landmarks", async () => {
     const document = await app.client.landmarks(session.id, { propose });
     signal.throwIfAborted();
     app.set({ landmarks: { document, changed: false, selected: app.state.landmarks?.selected } });
@@ -44,6 +45,7 @@ export async function saveLandmarks(app: App): Promise<void> {
     const document = await app.client.putLandmarks(session.id, landmarks.document);
     change(app, { document, changed: false });
   });
+  await placeDraft(app);
 }
 
 /** Drops unsaved changes. */

@@ -26,7 +26,7 @@ export class PredictionLoader {
   take(event: JobEvent): void {
     if (event.event !== "step") return;
     const { k, t, steps } = event.data;
-    this.#queue = this.#queue.then(() => this.#load(k, t, steps));
+    this.#queue = this.#queue.then(() => this.#app.patiently(() => this.#load(k, t, steps)));
     // `finish` reports the error; without this the browser reports it as unhandled before.
     this.#queue.catch(() => undefined);
   }
@@ -34,8 +34,10 @@ export class PredictionLoader {
   /** Waits for the steps; loads those whose events the service no longer stores. */
   async finish(): Promise<void> {
     await this.#queue;
-    const { step, steps } = await this.#app.client.job(this.#job.id);
-    for (let k = (this.#prediction?.arrived ?? 0) + 1; k <= step; k += 1) await this.#load(k, k / steps, steps);
+    const { step, steps } = await this.#app.patiently(() => this.#app.client.job(this.#job.id));
+    for (let k = (this.#prediction?.arrived ?? 0) + 1; k <= step; k += 1) {
+      await this.#app.patiently(() => this.#load(k, k / steps, steps));
+    }
   }
 
   async #load(k: number, t: number, total: number): Promise<void> {

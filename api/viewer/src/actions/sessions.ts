@@ -2,15 +2,31 @@ import type { App } from "./app.ts";
 import { NO_SESSION } from "../model/state.ts";
 import { loadLandmarks } from "./landmarks.ts";
 import { openCuts } from "./cuts.ts";
+import { loadTemplates } from "./draft.ts";
 import { resumeJobs } from "./jobs.ts";
-import { showSession } from "./session-view.ts";
+import { refreshSession, showSession } from "./session-view.ts";
 import { loadSurfaces } from "./surfaces.ts";
 
 /** Sessions of one page of the list. */
 const PAGE = 20;
 
+/** Lists the sessions and opens the one of the page's address. */
+export async function start(app: App): Promise<void> {
+  await listSessions(app);
+  const session = /^#session=([\w-]+)$/.exec(location.hash)?.[1];
+  if (session !== undefined && !app.state.needsToken) await openSession(app, session);
+}
+
+/** Uses a token from now on. An open session stays open, and its jobs are followed again. */
+export async function useToken(app: App, token: string): Promise<void> {
+  app.set({ token, needsToken: false, problems: [] });
+  if (!app.state.session) return start(app);
+  await listSessions(app);
+  if (await app.attempt("Open the session", () => refreshSession(app).then(() => true))) await resumeJobs(app);
+}
+
 export async function listSessions(app: App): Promise<void> {
-  await app.attempt("List sessions", async () => {
+  await app.load("List sessions", async () => {
     const list = await app.client.sessions({ limit: PAGE });
     app.set({ sessions: list.sessions, moreSessions: list.next ?? undefined });
   });
@@ -51,9 +67,9 @@ export async function openSession(app: App, id: string): Promise<void> {
   app.newScope();
   app.set(NO_SESSION);
   history.replaceState(null, "", `#session=${id}`);
-  const session = await app.attempt("Open the session", () => app.client.session(id));
+  const session = await app.load("Open the session", () => app.client.session(id));
   if (!session) return;
   showSession(app, session);
-  await Promise.all([loadSurfaces(app), loadLandmarks(app), openCuts(app)]);
+  await Promise.all([loadSurfaces(app), loadLandmarks(app), openCuts(app), loadTemplates(app)]);
   await resumeJobs(app);
 }

@@ -1,7 +1,8 @@
 import type { JobView } from "@prosopon/client";
 import type { App } from "./app.ts";
+import { referenceSolves } from "../model/jobs.ts";
 import { partState } from "../model/state.ts";
-import type { PlanView, Schemas, SolveForm } from "../model/state.ts";
+import type { PlanView, Schemas } from "../model/state.ts";
 import { planMotions } from "./cuts.ts";
 import { follow, showSolve } from "./jobs.ts";
 import { saveLandmarks } from "./landmarks.ts";
@@ -18,7 +19,7 @@ export async function predict(app: App): Promise<void> {
     await requireField(app);
     const plan = await planMotions(app);
     const mesh = await requireMesh(app, plan);
-    return app.client.solve(sessionId(app), solveRequest(app.state.solve, plan, mesh));
+    return app.client.solve(sessionId(app), solveRequest(app, plan, mesh));
   });
   if (job) await showSolve(app, job);
 }
@@ -46,12 +47,14 @@ async function requireMesh(app: App, plan: PlanView): Promise<JobView | undefine
   return follow(app, await app.client.buildMesh(sessionId(app), body));
 }
 
-function solveRequest(form: SolveForm, plan: PlanView, mesh: JobView | undefined): Schemas["SolveRequest"] {
+function solveRequest({ state }: App, plan: PlanView, mesh: JobView | undefined): Schemas["SolveRequest"] {
+  const form = state.solve;
   const body: Schemas["SolveRequest"] = { plan: plan.id };
   const steps = numberOf(form.steps);
   if (steps !== undefined) body.steps = steps;
   if (form.model !== "") body.model = form.model as Schemas["ModelName"];
-  if (form.referenceJob !== "") body.reference_job = form.referenceJob;
+  // A reference that was chosen for an earlier movement is none for this one.
+  if (referenceSolves(state.jobs, plan.id).some(({ id }) => id === form.referenceJob)) body.reference_job = form.referenceJob;
   if (mesh) body.mesh = mesh.id;
   return body;
 }
@@ -60,12 +63,4 @@ function solveRequest(form: SolveForm, plan: PlanView, mesh: JobView | undefined
 function numberOf(text: string): number | undefined {
   const value = text.trim() === "" ? Number.NaN : Number(text);
   return Number.isFinite(value) ? value : undefined;
-}
-
-/** Opens the report of a job. A link cannot carry a token, so with one the page is fetched. */
-export async function openReport(app: App, job: string): Promise<void> {
-  const page = window.open("", "_blank");
-  const text = await app.attempt("Open the report", () => app.client.reportHtml(job));
-  if (text === undefined || !page) return page?.close();
-  page.location.href = URL.createObjectURL(new Blob([text], { type: "text/html" }));
 }

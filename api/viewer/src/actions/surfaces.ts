@@ -16,7 +16,7 @@ async function loadSurface(app: App, part: (typeof PARTS)[number]): Promise<void
   if (!session || stored?.state !== "ready") return;
   const key = `${session.id} ${stored.sha256 ?? stored.updated_at ?? ""}`;
   if (app.state.surfaces[part]?.key === key) return;
-  await app.attempt(`Load the ${part}`, async () => {
+  await app.load(`Load the ${part}`, async () => {
     const geometry = parsePly(await app.client.surfacePly(session.id, part, signal));
     signal.throwIfAborted();
     app.state.surfaces[part]?.geometry.dispose();

@@ -2,6 +2,7 @@ import type { components, JobView, ProblemField } from "@prosopon/client";
 import type { BufferGeometry } from "three";
 import type { MapName, Scale } from "../colour/colour-map.ts";
 import type { Comparison } from "./comparison.ts";
+import type { Draft, TemplateView } from "./draft.ts";
 import type { Motion, Point } from "./motion.ts";
 import type { Prediction } from "./prediction.ts";
 
@@ -87,6 +88,8 @@ export interface SolveForm {
 export interface State {
   /** Bearer token; never stored. */
   token: string;
+  /** Whether the service has refused a request for want of a valid token. */
+  needsToken: boolean;
   theme: Theme;
   sessions: readonly SessionView[];
   moreSessions: string | undefined;
@@ -96,6 +99,10 @@ export interface State {
   jobs: readonly JobView[];
   surfaces: Partial<Record<"skin" | "skull" | "target", Surface>>;
   landmarks: Landmarks | undefined;
+  /** Landmarks that each template needs; empty until they are known. */
+  templates: readonly TemplateView[];
+  /** Cuts that are shown before the bone is cut. */
+  draft: Draft | undefined;
   osteotomies: readonly OsteotomyView[];
   cut: Cut | undefined;
   /** Job whose prediction is shown, or is being loaded. */
@@ -113,12 +120,13 @@ export interface State {
   /** Work for which the user waits, by name. */
   busy: readonly string[];
   problems: readonly ShownProblem[];
-  /** Whether the connection to a job is interrupted. */
+  /** Whether the service does not answer. */
   interrupted: boolean;
 }
 
 export const INITIAL: State = {
   token: "",
+  needsToken: false,
   theme: "auto",
   sessions: [],
   moreSessions: undefined,
@@ -127,6 +135,8 @@ export const INITIAL: State = {
   jobs: [],
   surfaces: {},
   landmarks: undefined,
+  templates: [],
+  draft: undefined,
   osteotomies: [],
   cut: undefined,
   shownSolve: undefined,
@@ -151,6 +161,7 @@ export const NO_SESSION = {
   jobs: [],
   surfaces: {},
   landmarks: undefined,
+  draft: undefined,
   osteotomies: [],
   cut: undefined,
   shownSolve: undefined,
@@ -166,6 +177,11 @@ export const NO_SESSION = {
 /** State of a part of a session: `missing`, `building`, `ready`, `stale` or `failed`. */
 export function partState(session: SessionView | undefined, part: string): string {
   return session?.parts[part]?.state ?? "missing";
+}
+
+/** Whether nobody has confirmed a condyle. */
+export function areCondylesProposed(landmarks: Landmarks | undefined): boolean {
+  return landmarks?.document.proposed?.some((name) => name.startsWith("condylion_")) === true;
 }
 
 /** Points of the condyles, right and left, when both are known. */

@@ -1,10 +1,13 @@
 import { Raycaster, Vector2 } from "three";
 import { moveLandmark, selectLandmark } from "../actions/landmarks.ts";
 import { selectSegment } from "../actions/cuts.ts";
+import { changeDraft } from "../actions/draft.ts";
+import type { Draft } from "../model/draft.ts";
 import type { App } from "../actions/app.ts";
 import type { Point } from "../model/motion.ts";
 import type { Bones } from "./bones.ts";
-import type { Gizmo } from "./gizmo.ts";
+import type { DraftPlanes } from "./draft-planes.ts";
+import type { Handle } from "./handle.ts";
 import type { LandmarkMarkers } from "./landmark-markers.ts";
 import type { Skin } from "./skin.ts";
 import type { Stage } from "./stage.ts";
@@ -27,7 +30,8 @@ export interface Targets {
   second: Skin;
   bones: Bones;
   markers: LandmarkMarkers;
-  gizmo: Gizmo;
+  draft: DraftPlanes;
+  handles: Handle[];
 }
 
 /** Drags landmarks, chooses segments, and reads the value under the cursor. */
@@ -49,12 +53,16 @@ export class Pointer {
     canvas.addEventListener("pointerdown", (event) => this.#press(event), { capture: true });
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     canvas.addEventListener("pointerup", (event) => this.#release(event));
-    canvas.addEventListener("pointerleave", () => onHover(undefined));
+    // A finger that is lifted leaves the picture; the value that it tapped stays until the next touch.
+    canvas.addEventListener("pointerleave", ({ pointerType }) => {
+      if (pointerType !== "touch") onHover(undefined);
+    });
   }
 
   #press(event: PointerEvent): void {
     this.#pressed = { x: event.clientX, y: event.clientY };
-    if (this.#targets.gizmo.active) return;
+    if (event.pointerType === "touch") this.#onHover(undefined);
+    if (this.#handle) return;
     if (this.#aim(event) !== 0) return;
     const name = this.#targets.markers.pick(this.#raycaster);
     const from = name === undefined ? undefined : this.#app.state.landmarks?.document.points[name];
@@ -95,24 +103,40 @@ export class Pointer {
     if (this.#dragging) {
       this.#dragging = undefined;
       this.#targets.stage.controls.enabled = true;
-    } else if (clicked && !this.#targets.gizmo.active) {
+    } else if (clicked && !this.#handle) {
       this.#choose(event);
     }
+    if (clicked && event.pointerType === "touch") this.#hover(event);
   }
 
   #choose(event: PointerEvent): void {
     if (this.#aim(event) !== 0) return;
+    const { draft } = this.#app.state;
+    if (draft) return this.#chooseCut(draft);
     const moving = this.#targets.bones.moving;
     const hit = this.#raycaster.intersectObjects(moving.map(([, mesh]) => mesh), false)[0];
     const segment = moving.find(([, mesh]) => mesh === hit?.object)?.[0];
     if (segment !== undefined) selectSegment(this.#app, segment);
   }
 
+  #chooseCut(draft: Draft): void {
+    const meshes = this.#targets.draft.meshesOf(draft);
+    const hit = this.#raycaster.intersectObjects(meshes.map(([, mesh]) => mesh), false)[0];
+    const selected = meshes.find(([, mesh]) => mesh === hit?.object)?.[0];
+    if (selected !== undefined) changeDraft(this.#app, { selected });
+  }
+
+  /** The handle that is under the cursor or dragged. */
+  get #handle(): Handle | undefined {
+    return this.#targets.handles.find(({ active }) => active);
+  }
+
   #hover(event: PointerEvent): void {
-    const { skin, second, markers, gizmo } = this.#targets;
+    const { skin, second, markers } = this.#targets;
     const view = this.#aim(event);
-    const landmark = gizmo.active || view === 1 ? undefined : markers.pick(this.#raycaster);
-    const text = landmark === undefined ? this.#valueText(view === 1 ? second : skin) : landmarkText(this.#app, landmark);
+    const landmark = view === 1 ? undefined : markers.pick(this.#raycaster);
+    const value = () => (landmark === undefined ? this.#valueText(view === 1 ? second : skin) : landmarkText(this.#app, landmark));
+    const text = this.#handle ? this.#handle.hint : value();
     const box = this.#targets.stage.canvas.getBoundingClientRect();
     this.#onHover(text === undefined ? undefined : { x: event.clientX - box.left, y: event.clientY - box.top, text });
   }

@@ -1,10 +1,12 @@
 import { Box3, Vector3 } from "three";
 import type { App } from "../actions/app.ts";
 import { setMotion } from "../actions/cuts.ts";
+import { moveDraftCut } from "../actions/draft.ts";
 import { condylesOf } from "../model/state.ts";
 import type { Prediction } from "../model/prediction.ts";
 import type { State } from "../model/state.ts";
 import { Bones } from "./bones.ts";
+import { DraftPlanes } from "./draft-planes.ts";
 import { Gizmo } from "./gizmo.ts";
 import { LandmarkMarkers } from "./landmark-markers.ts";
 import { Pointer } from "./pointer.ts";
@@ -29,6 +31,7 @@ export class FaceScene {
   readonly #bones: Bones;
   readonly #markers: LandmarkMarkers;
   readonly #gizmo: Gizmo;
+  readonly #draft: DraftPlanes;
 
   constructor(app: App, canvas: HTMLCanvasElement, listener: SceneListener) {
     const stage = new Stage(canvas);
@@ -43,7 +46,11 @@ export class FaceScene {
       if (cut) setMotion(app, cut.selected, motion);
       if (app.state.display.t !== 1) app.display({ t: 1 });
     });
-    const targets = { stage, skin: this.#skin, second: this.#second, bones: this.#bones, markers: this.#markers, gizmo: this.#gizmo };
+    this.#draft = new DraftPlanes(stage, (cut) => moveDraftCut(app, cut));
+    const targets = {
+      stage, skin: this.#skin, second: this.#second, bones: this.#bones, markers: this.#markers, draft: this.#draft,
+      handles: [this.#gizmo.handle, this.#draft.handle],
+    };
     new Pointer(app, targets, listener.onHover);
     app.store.subscribe((state) => this.#show(state));
   }
@@ -57,7 +64,7 @@ export class FaceScene {
   }
 
   #show(state: State): void {
-    const { display, surfaces, cut, prediction, comparison, landmarks } = state;
+    const { display, surfaces, cut, prediction, comparison, landmarks, draft } = state;
     const { t, skinOpacity: opacity } = display;
     // A face at a place that has not arrived stays at the last step; the bone stays with it.
     const shown = prediction ? Math.min(t, prediction.reach) : t;
@@ -67,8 +74,9 @@ export class FaceScene {
     this.#stage.setSplit(second !== undefined);
     this.#bones.show({ skull: surfaces.skull, cut, t: shown, opacity: display.boneOpacity, condyles: condylesOf(landmarks) });
     this.#markers.show(landmarks, display.landmarks);
-    // The handle reads the cursor as if there were one view.
-    this.#gizmo.show(second ? "off" : display.gizmo, cut?.motions.get(cut.selected));
+    // Handles read the cursor as if there were one view; those of cuts come first.
+    this.#draft.show(second ? undefined : draft);
+    this.#gizmo.show(second || draft ? "off" : display.gizmo, cut?.motions.get(cut.selected));
     this.#stage.setBlend(display.blend);
     this.#frame(state);
     this.#stage.draw();

@@ -1,11 +1,12 @@
 import { html, nothing } from "lit-html";
 import type { TemplateResult } from "lit-html";
 import { live } from "lit-html/directives/live.js";
+import { ref } from "lit-html/directives/ref.js";
 import { hasEnded } from "@prosopon/client";
 import type { JobView } from "@prosopon/client";
 import type { App } from "../actions/app.ts";
 import { JOB_NAMES } from "../actions/jobs.ts";
-import { listSessions } from "../actions/sessions.ts";
+import { useToken } from "../actions/sessions.ts";
 import type { Theme } from "../model/state.ts";
 import { remaining, words } from "./format.ts";
 
@@ -43,21 +44,30 @@ function jobProgress(job: JobView): TemplateResult {
   return html`<p class="waiting">${name}${phase} <progress max="1" value=${job.progress} aria-label="Progress of ${name}"></progress> ${remaining(job.eta_s)}</p>`;
 }
 
+/** Field of the token; with the cursor in it once the service has asked. */
 function tokenField(app: App): TemplateResult {
-  return html`<form class="compact" @submit=${(event: Event) => takeToken(app, event)}>
+  const { needsToken } = app.state;
+  return html`<form class="compact ${needsToken ? "wanted" : ""}" @submit=${(event: Event) => takeToken(app, event)}>
     <label>
-      Token
-      <input name="token" type="password" autocomplete="off" size="10" placeholder="none" title="Bearer token. It is kept until the page closes." />
+      ${needsToken ? "The service asks for a token" : "Token"}
+      <input name="token" type="password" autocomplete="off" size="10" placeholder="none" title="Bearer token. It is kept until the page closes."
+        ${ref((field) => needsToken && field && askOnce(field as HTMLInputElement))} />
     </label>
     <button>Use</button>
   </form>`;
 }
 
+/** Puts the cursor into the field at the first demand, and not at each drawing after it. */
+function askOnce(field: HTMLInputElement): void {
+  if (field.dataset["asked"]) return;
+  field.dataset["asked"] = "yes";
+  field.focus();
+}
+
 function takeToken(app: App, event: Event): void {
   event.preventDefault();
   const data = new FormData(event.target as HTMLFormElement);
-  app.set({ token: String(data.get("token") ?? "").trim(), problems: [] });
-  void listSessions(app);
+  void useToken(app, String(data.get("token") ?? "").trim());
 }
 
 function setTheme(app: App, theme: Theme): void {

@@ -5,7 +5,7 @@ import type { App } from "../actions/app.ts";
 import { selectSegment, setMotion } from "../actions/cuts.ts";
 import { makePlan } from "../actions/solve.ts";
 import type { FreeField, Motion, MotionKind, Point } from "../model/motion.ts";
-import { condylesOf } from "../model/state.ts";
+import { areCondylesProposed, condylesOf } from "../model/state.ts";
 import type { Cut, GizmoMode, PlanView } from "../model/state.ts";
 import { segmentName } from "./cuts.ts";
 import { findingList } from "./findings.ts";
@@ -62,7 +62,7 @@ function motionFields(app: App, cut: Cut, motion: Motion): TemplateResult {
     </label>
     ${motion.kind === "free" || motion.kind === "rest" ? freeFields(app, motion, set) : nothing}
     ${motion.kind === "hinge" ? hingeFields(app, motion, set) : nothing}
-    ${motion.kind === "autorotate" ? followsField(cut, motion, set) : nothing}
+    ${motion.kind === "autorotate" ? followsField(app, cut, motion, set) : nothing}
   `;
 }
 
@@ -117,17 +117,23 @@ function hingeFields(app: App, motion: Motion, set: SetMotion): TemplateResult {
       <input type="number" step="0.5" min="-90" max="90" .value=${live(String(motion.openDeg))}
         @change=${(event: Event) => set({ openDeg: numberFrom(event) ?? 0 })} />
     </label>
-    ${known ? nothing : html`<p class="note">Needs the landmarks condylion left and right.</p>`}`;
+    ${known ? condylesNote(app) : html`<p class="note">Needs the landmarks condylion left and right.</p>`}`;
 }
 
-function followsField(cut: Cut, motion: Motion, set: SetMotion): TemplateResult {
+function condylesNote(app: App): TemplateResult | typeof nothing {
+  if (!areCondylesProposed(app.state.landmarks)) return nothing;
+  return html`<p class="note"><span class="mark proposed" aria-hidden="true">◆</span> The condyles are only proposed. Check and confirm them.</p>`;
+}
+
+function followsField(app: App, cut: Cut, motion: Motion, set: SetMotion): TemplateResult {
   const others = cut.view.segments.filter(({ id }) => id !== 0 && id !== cut.selected);
   return html`<label>Upper jaw
     <select @change=${(event: Event) => set({ follows: Number(valueOf(event)) })}>
       ${others.map((segment) => html`<option value=${segment.id} .selected=${live(segment.id === motion.follows)}>${segmentName(segment)}</option>`)}
     </select>
   </label>
-  <p class="note">The picture shows it after planning.</p>`;
+  <p class="note">The picture shows it after planning.</p>
+  ${condylesNote(app)}`;
 }
 
 /** What the service found about the planned movement. */

@@ -6,8 +6,9 @@ import type { JobView } from "@prosopon/client";
 import type { App } from "../actions/app.ts";
 import { closeComparison, compareWith } from "../actions/comparison.ts";
 import { cancelJob, chooseSolve, JOB_NAMES } from "../actions/jobs.ts";
-import { openReport, predict } from "../actions/solve.ts";
-import { finishedSolves } from "../model/jobs.ts";
+import { openReport } from "../actions/report.ts";
+import { predict } from "../actions/solve.ts";
+import { finishedSolves, referenceSolves } from "../model/jobs.ts";
 import type { SolveForm } from "../model/state.ts";
 import { findingList } from "./findings.ts";
 import { exactly, remaining, shortMm, stateMark, timeOf, words } from "./format.ts";
@@ -44,11 +45,11 @@ export function predictionPanel(app: App): TemplateResult {
 }
 
 function referenceField(app: App, set: (patch: Partial<SolveForm>) => void): TemplateResult | typeof nothing {
-  const solves = finishedSolves(app.state.jobs);
+  const solves = referenceSolves(app.state.jobs, app.state.cut?.plan?.id);
   if (solves.length === 0) return nothing;
   return html`<label>Signed error against
     <select @change=${(event: Event) => set({ referenceJob: valueOf(event) })}>
-      <option value="">the target, if there is one</option>
+      <option value="" .selected=${live(app.state.solve.referenceJob === "")}>the target, if there is one</option>
       ${solves.map((job) => html`<option value=${job.id} .selected=${live(job.id === app.state.solve.referenceJob)}>prediction of ${exactly(job.created_at)}</option>`)}
     </select>
   </label>`;

@@ -147,8 +147,10 @@ const ELEMENTS: [Elements; 2] = [
 const EDGES_MM: [f64; 4] = [7.0, 5.5, 4.5, 3.7];
 /// A further solve is worth its time when its error is at most this share of the one before.
 const WORTHWHILE: f64 = 0.8;
-/// Margin on the expected error once a solve of the scene was estimated: assumed. `prosopon bench budget` prints what it should be.
-const SPREAD_ONCE_ESTIMATED: f64 = 1.5;
+/// Margin on the expected error once a solve of the scene was estimated.
+///
+/// In 19 scenes that are not in the fit, 95 % of 532 pairs of settings stay below it (`prosopon bench budget`).
+const SPREAD_ONCE_ESTIMATED: f64 = 1.8;
 /// How far the time of a known mesh may change what is expected of this machine.
 const MACHINE: [f64; 2] = [0.5, 2.0];
 /// Below this share of the usual time a mesh came from a cache and tells nothing of the machine.

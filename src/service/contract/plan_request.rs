@@ -274,7 +274,7 @@ fn below(index: usize, error: PlanError) -> Fault {
 fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segments) -> Vec<(f64, Motion)> {
     let pivot = segments.pivots.get(&path.segment).copied();
     if path.segment == 0 {
-        check.fault(format!("{pointer}/segment"), "segment 0 is the fixed skull; name a moving segment");
+        check.fault(format!("{pointer}/segment"), "names segment 0, the fixed skull; name a moving segment");
     } else if pivot.is_none() {
         let known: Vec<String> = segments.pivots.keys().filter(|s| **s > 0).map(u32::to_string).collect();
         let known = if known.is_empty() { "none that can move".to_owned() } else { known.join(", ") };

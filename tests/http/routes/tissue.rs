@@ -90,7 +90,7 @@ async fn a_tied_mesh_is_solved_by_every_model() {
         assert_eq!(report["parameters"]["materials"]["fat"]["law"], "neo_hookean");
         assert!(report["mesh"].is_null() && report["field"].is_null());
         let page = app.get(&format!("{own}/report?format=html")).await;
-        assert!(String::from_utf8_lossy(&page.body).contains("uploaded mesh of 196 nodes"));
+        assert!(String::from_utf8_lossy(&page.body).contains("Uploaded mesh of 196 nodes"));
     }
     assert!(tops.iter().all(|z| (1.5..2.3).contains(z)), "{tops:?}");
     assert!((tops[0] - tops[1]).abs() < 1e-6, "{tops:?}");

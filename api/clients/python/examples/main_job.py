@@ -62,9 +62,7 @@ def run(arguments):
     move = {"t": 1.0, "translation_mm": [0.0, -arguments.forward_mm, -arguments.down_mm]}
     plan = client.create_plan(session, osteotomy["id"], [{"segment": upper_jaw, "waypoints": [move]}])
     job = client.create_job(session, plan["id"], steps=arguments.steps, model=arguments.model)
-    follow(client, job)
-
-    job = job["id"]
+    job = follow(client, job)["id"]
     for k in range(1, arguments.steps + 1):
         client.download_skin(job, k, out / ("skin_%d.glb" % k))
         client.download_skin(job, k, out / ("skin_%d.ply" % k), format="ply")
@@ -76,15 +74,16 @@ def run(arguments):
 
 
 def follow(client, job):
-    """Prints the events of a job up to its end."""
-    for event in client.events(job["id"]):
+    """Prints the events of a job up to its end; returns its view."""
+
+    def show(event):
         data = event["data"]
         if event["event"] == "progress":
             print("%s: %3.0f %% %s" % (job["kind"], 100 * data["progress"], data["phase"]))
         elif event["event"] == "step":
             print("step %d of %d: %d iterations" % (data["k"], data["steps"], data["newton_iterations"]))
-        elif event["event"] == "end" and data["status"] != "succeeded":
-            raise JobFailed(client.job(job["id"]))
+
+    return client.wait(job, show)
 
 
 if __name__ == "__main__":

@@ -2601,6 +2601,8 @@ export interface components {
             /** @description A point of the plane, LPS mm. Requests may call it `point`, as older files do. */
             point_mm: number[];
         };
+        /** @description A plan: the id of one that is stored, or a new one. */
+        PlanChoice: string | components["schemas"]["CreatePlan"];
         /** @description Plan: paths of the bone segments with their reports. */
         PlanDocument: components["schemas"]["Findings"] & {
             /** @description Label that the client gave it. */
@@ -3154,11 +3156,8 @@ export interface components {
              * @description Largest penetration of tissue into bone in a converged step, mm, 1e-6 to 10; 0.05 when absent.
              */
             penetration_tolerance_mm?: number | null;
-            /**
-             * Format: uuid
-             * @description Id of the plan that the bone follows.
-             */
-            plan: string;
+            /** @description Id of the plan that the bone follows, or a new plan, which is created first. */
+            plan: components["schemas"]["PlanChoice"];
             preset?: components["schemas"]["PresetName"] | null;
             /**
              * Format: uuid
@@ -3180,8 +3179,7 @@ export interface components {
              *     When absent: 1 with `warm_start`, else the session's setting, else 6.
              */
             steps?: number | null;
-            /** @description Whether this job replaces waiting jobs on the same plan, which are cancelled; false when absent. */
-            supersede?: boolean;
+            supersede?: components["schemas"]["SupersedeForms"] | null;
             /**
              * @description What to do where a material loses ellipticity; `report` when absent.
              *
@@ -3444,6 +3442,13 @@ export interface components {
              */
             tangent_s: number;
         };
+        /** @description Forms of [`SupersedeChoice`] in the OpenAPI document. */
+        SupersedeForms: boolean | components["schemas"]["SupersedeScopeName"];
+        /**
+         * @description Whose waiting solves a new one replaces.
+         * @enum {string}
+         */
+        SupersedeScopeName: "plan" | "session";
         /** @description Description of a stored surface. */
         SurfaceDocument: components["schemas"]["Findings"] & {
             /**
@@ -3866,7 +3871,7 @@ export interface operations {
             };
             header?: {
                 /** @description `wait=s`: longest wait for the result, s; after it the answer is a job. */
-                Prefer?: string | null;
+                Prefer?: string;
                 /** @description A repeated key returns the first answer; with another payload, 422. */
                 "Idempotency-Key"?: string;
             };
@@ -3921,7 +3926,7 @@ export interface operations {
                 /** @description Id of a session: lists only its jobs. */
                 session?: string;
                 /** @description Status: lists only jobs with this status. */
-                status?: string;
+                status?: "accepted" | "running" | "succeeded" | "failed" | "cancelled" | "interrupted";
                 /** @description Id of a job: lists only jobs created before it. */
                 before?: string;
                 /** @description Largest number of jobs on the page, 1 to 100; 20 when absent. */
@@ -4077,7 +4082,7 @@ export interface operations {
             query?: never;
             header?: {
                 /** @description Number of the last event that the client has; the stream goes on after it. */
-                "Last-Event-ID"?: number | null;
+                "Last-Event-ID"?: number;
             };
             path: {
                 /** @description Id of the job. */
@@ -4790,7 +4795,7 @@ export interface operations {
                  *
                  *     When absent, the `Accept` header chooses, else GLB.
                  */
-                format?: "glb" | "ply" | "stl" | "json";
+                format?: "glb" | "ply" | "stl" | "vtp" | "json";
             };
             header?: never;
             path: {
@@ -5733,7 +5738,7 @@ export interface operations {
                  *
                  *     When absent, the `Accept` header chooses, else GLB.
                  */
-                format?: "glb" | "ply" | "stl" | "json";
+                format?: "glb" | "ply" | "stl" | "vtp" | "json";
             };
             header?: never;
             path: {
@@ -5753,6 +5758,7 @@ export interface operations {
                     "model/gltf-binary": string;
                     "application/ply": string;
                     "model/stl": string;
+                    "application/vnd.vtk.vtp": string;
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };
@@ -5818,7 +5824,7 @@ export interface operations {
                  *
                  *     When absent, the `Accept` header chooses, else GLB.
                  */
-                format?: "glb" | "ply" | "stl" | "json";
+                format?: "glb" | "ply" | "stl" | "vtp" | "json";
             };
             header?: never;
             path: {
@@ -5838,6 +5844,7 @@ export interface operations {
                     "model/gltf-binary": string;
                     "application/ply": string;
                     "model/stl": string;
+                    "application/vnd.vtk.vtp": string;
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };
@@ -5903,7 +5910,7 @@ export interface operations {
                  *
                  *     When absent, the `Accept` header chooses, else GLB.
                  */
-                format?: "glb" | "ply" | "stl" | "json";
+                format?: "glb" | "ply" | "stl" | "vtp" | "json";
             };
             header?: never;
             path: {
@@ -5923,6 +5930,7 @@ export interface operations {
                     "model/gltf-binary": string;
                     "application/ply": string;
                     "model/stl": string;
+                    "application/vnd.vtk.vtp": string;
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };

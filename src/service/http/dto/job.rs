@@ -191,7 +191,7 @@ fn kinds() -> Schema {
     names(JobKind::ALL.map(JobKind::as_str), "Kind of job.")
 }
 
-pub(super) fn statuses() -> Schema {
+pub(in crate::http) fn statuses() -> Schema {
     let description = "Status.\n\n`interrupted` means that the service stopped while the job ran. The job runs again, or fails \
         with the problem `job-interrupted` when its attempts are used up.";
     names(JobState::ALL.map(JobState::as_str), description)

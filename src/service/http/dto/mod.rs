@@ -21,6 +21,7 @@ pub use event::{
 };
 pub(super) use inputs::import_request;
 pub use inputs::{CtQuery, FieldView, LandmarksQuery, PointQuery, PointValues, SliceAxis, SliceQuery};
+pub(super) use job::statuses;
 pub use job::{JobLinks, JobList, JobView};
 pub use link::{CreateLink, LinkView};
 pub use material_view::{

@@ -1,3 +1,5 @@
+use std::collections::BTreeSet;
+
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
 use axum::extract::{FromRequest, Request};
@@ -6,10 +8,13 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use serde_path_to_error::{Path, Segment};
 
-use super::messages::api_message;
+use super::messages::{api_message, quoted_name};
 use super::strict::{Strict, Unique};
 use crate::http::{AppState, Problem};
-use prosopon_contract::{Fault, FaultKind};
+use prosopon_contract::{Check, Fault, FaultKind};
+
+/// Most faults of a body that are reported.
+const MOST_FAULTS: usize = 20;
 
 /// A JSON body. The types themselves refuse unknown members.
 #[derive(Debug)]
@@ -71,8 +76,53 @@ fn too_large_or_broken(rejection: &BytesRejection, max_bytes: usize) -> Problem 
 pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     strict_json(bytes).map_err(|fault| match fault {
         JsonFault::NoJson(e) => Problem::new(FaultKind::MalformedRequest, format!("the body is not JSON: {e}")),
-        JsonFault::NotAsExpected(error) => not_as_expected(&error),
+        JsonFault::NotAsExpected(error) => all_faults::<T>(bytes, error),
     })
+}
+
+/// The problem of a body whose first fault is `first`, with its other faults.
+///
+/// A reader stops at a fault. So the member with the fault is taken out, and the rest is read again.
+fn all_faults<T: DeserializeOwned>(bytes: &[u8], first: serde_path_to_error::Error<serde_json::Error>) -> Problem {
+    let (mut rest, mut found) = (serde_json::from_slice::<Value>(bytes).unwrap_or_default(), Vec::new());
+    let mut taken = BTreeSet::new();
+    let mut next = Some(first);
+    while let Some(error) = next.take().filter(|_| found.len() < MOST_FAULTS) {
+        let (pointer, message) = (pointer_of(error.path()), error.inner().to_string());
+        let missing = quoted_name(&message).filter(|_| message.starts_with("missing field"));
+        // What was taken out is no further fault; the object that needs it goes too.
+        if missing.is_none_or(|name| !taken.contains(&format!("{pointer}/{name}"))) {
+            found.push((pointer.clone(), api_message(&message)));
+        }
+        let Some(member) = take_out(&mut rest, &pointer) else { break };
+        taken.insert(member);
+        next = match strict_value::<T>(&rest) {
+            Err(JsonFault::NotAsExpected(error)) => Some(error),
+            Err(JsonFault::NoJson(_)) | Ok(_) => None,
+        };
+    }
+    match found.as_slice() {
+        [(pointer, detail)] => Problem(Fault::new(FaultKind::InvalidRequest, detail).at(pointer)),
+        _ => {
+            let mut check = Check::default();
+            found.into_iter().for_each(|(pointer, detail)| check.fault(pointer, detail));
+            let unread = || Fault::new(FaultKind::InvalidRequest, "the body cannot be read");
+            Problem(check.finish().err().unwrap_or_else(unread))
+        }
+    }
+}
+
+/// Takes out the innermost member of an object that `pointer` lies in; returns its pointer.
+fn take_out(value: &mut Value, pointer: &str) -> Option<String> {
+    let mut inner = pointer;
+    while let Some((outer, name)) = inner.rsplit_once('/') {
+        if let Some(Value::Object(members)) = value.pointer_mut(outer) {
+            members.remove(&name.replace("~1", "/").replace("~0", "~"))?;
+            return Some(inner.to_owned());
+        }
+        inner = outer;
+    }
+    None
 }
 
 /// Why JSON cannot be read.
@@ -107,11 +157,6 @@ pub fn strict_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonFault> {
 /// [`JsonFault::NotAsExpected`] if the value does not match the type.
 pub fn strict_value<T: DeserializeOwned>(value: &Value) -> Result<T, JsonFault> {
     Ok(serde_path_to_error::deserialize(Strict(value))?)
-}
-
-fn not_as_expected(error: &serde_path_to_error::Error<serde_json::Error>) -> Problem {
-    let detail = api_message(&error.inner().to_string());
-    Problem(Fault::new(FaultKind::InvalidRequest, detail).at(&pointer_of(error.path())))
 }
 
 fn pointer_of(path: &Path) -> String {
@@ -178,6 +223,20 @@ mod tests {
         let read = parse::<Sample>(text.as_bytes()).unwrap();
         assert_eq!((read.values, read.point), (vec![1.0, 2.5], Some([1.0, 2.0, 3.0])));
         assert!(read.plane.is_some_and(|p| p.point == [0.0, 0.0, 1.0] && p.offset == -2.0) && read.name.is_some());
+    }
+
+    #[test]
+    fn all_faults_of_a_body_are_reported_at_once() {
+        let pointers = |text: &str| -> Vec<String> {
+            parse::<Sample>(text.as_bytes()).unwrap_err().0.errors.iter().map(|e| e.pointer.clone()).collect()
+        };
+        let text =
+            r#"{"value": [], "point": "x", "name": 3, "plane": {"point": [0, 0, true], "offset": "y"}, "values": [1]}"#;
+        assert_eq!(pointers(text), ["/name", "/plane/offset", "/plane/point/2", "/point", "/value"]);
+        // What was taken out is not reported as missing; what is missing is.
+        assert_eq!(pointers(r#"{"values": {}, "name": 3}"#), ["/name", "/values"]);
+        assert_eq!(pointers(r#"{"name": 3}"#), ["/name", ""]);
+        assert_eq!(pointers(r#"{"values": [1, "x", "y"]}"#), ["/values/1"]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use utoipa::openapi::extensions::Extensions;
 use utoipa::openapi::path::Operation;
-use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, SchemaType};
+use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, SchemaType, Type};
 use utoipa::openapi::{RefOr, Schema};
 
 /// What each parameter of a path is.
@@ -15,8 +15,9 @@ const IN_PATHS: [(&str, &str); 7] = [
     ("segment", "Number of the segment."),
     ("kind", "Kind of the problem, as in its `type`."),
 ];
-/// What each parameter of a header is.
-const IN_HEADERS: [(&str, &str); 2] = [
+/// What other parameters are whose description utoipa does not take.
+const OTHERS: [(&str, &str); 3] = [
+    ("status", "Status: lists only jobs with this status."),
     ("Prefer", "`wait=s`: longest wait for the result, s; after it the answer is a job."),
     ("Last-Event-ID", "Number of the last event that the client has; the stream goes on after it."),
 ];
@@ -26,7 +27,14 @@ const VARIANT: &str = "Name of this variant.";
 pub(super) fn describe_parameters(operation: &mut Operation) {
     for parameter in operation.parameters.iter_mut().flatten() {
         let RefOr::T(parameter) = parameter else { continue };
-        let known = IN_PATHS.iter().chain(&IN_HEADERS).find(|(name, _)| *name == parameter.name);
+        let known = IN_PATHS.iter().chain(&OTHERS).find(|(name, _)| *name == parameter.name);
+        // A parameter that is absent is not sent: only bodies have `null`.
+        if let Some(RefOr::T(Schema::Object(schema))) = &mut parameter.schema
+            && let SchemaType::Array(types) = &schema.schema_type
+            && let [only] = types.iter().filter(|t| **t != Type::Null).collect::<Vec<_>>().as_slice()
+        {
+            schema.schema_type = SchemaType::Type((*only).clone());
+        }
         if let (None, Some((_, text))) = (&parameter.description, known) {
             parameter.description = Some((*text).to_owned());
         }

@@ -3,30 +3,19 @@
 use utoipa::openapi::schema::{AdditionalProperties, Array, ArrayItems};
 use utoipa::openapi::{RefOr, Schema};
 
-/// Members that are two numbers, or lists of these.
-const PAIRS: [&str; 10] = [
-    "after_yz_mm",
-    "before_yz_mm",
-    "equibiaxial",
-    "expected_shear",
-    "expected_stretch",
-    "looked_at",
-    "lost",
-    "planar",
-    "shear",
-    "uniaxial",
-];
-/// Members that are three numbers, or lists or maps of these.
-const TRIPLES: [&str; 22] = [
+/// Members that are two numbers.
+const PAIRS: [&str; 7] =
+    ["equibiaxial", "expected_shear", "expected_stretch", "looked_at", "planar", "shear", "uniaxial"];
+/// Members that are lists of two numbers each.
+const LISTS_OF_PAIRS: [&str; 3] = ["after_yz_mm", "before_yz_mm", "lost"];
+/// Members that are three numbers, or maps of these.
+const TRIPLES: [&str; 17] = [
     "axis",
     "centre_mm",
     "centroid_displacement_mm",
     "centroid_mm",
-    "closest_points_mm",
-    "curve",
     "direction",
     "force_n",
-    "gradients",
     "landmarks",
     "max_mm",
     "min_mm",
@@ -36,18 +25,21 @@ const TRIPLES: [&str; 22] = [
     "place_mm",
     "point_mm",
     "points",
-    "points_mm",
     "position_mm",
     "translation_mm",
-    "triangles",
 ];
+/// Members that are lists of three numbers each.
+const LISTS_OF_TRIPLES: [&str; 5] = ["closest_points_mm", "curve", "gradients", "points_mm", "triangles"];
 const QUATERNION: &str = "quaternion_xyzw";
 
-fn length_of(name: &str) -> Option<usize> {
+/// Length of an array of numbers that is the member `name`, or an item of it.
+fn length_of(name: &str, is_item: bool) -> Option<usize> {
+    let (pairs, triples) =
+        if is_item { (&LISTS_OF_PAIRS[..], &LISTS_OF_TRIPLES[..]) } else { (&PAIRS[..], &TRIPLES[..]) };
     match name {
-        QUATERNION => Some(4),
-        name if PAIRS.contains(&name) => Some(2),
-        name if TRIPLES.contains(&name) => Some(3),
+        QUATERNION if !is_item => Some(4),
+        name if pairs.contains(&name) => Some(2),
+        name if triples.contains(&name) => Some(3),
         _ => None,
     }
 }
@@ -61,7 +53,7 @@ pub(super) fn fix_lengths(name: &str, schema: &mut RefOr<Schema>) {
                 fix_lengths(name, values);
             }
         }
-        RefOr::T(Schema::Array(array)) => fix_array(name, array),
+        RefOr::T(Schema::Array(array)) => fix_array(name, array, false),
         RefOr::T(Schema::AllOf(all)) => all.items.iter_mut().for_each(|part| fix_lengths(name, part)),
         RefOr::T(Schema::OneOf(one)) => one.items.iter_mut().for_each(|part| fix_lengths(name, part)),
         RefOr::T(Schema::AnyOf(any)) => any.items.iter_mut().for_each(|part| fix_lengths(name, part)),
@@ -69,14 +61,15 @@ pub(super) fn fix_lengths(name: &str, schema: &mut RefOr<Schema>) {
     }
 }
 
-fn fix_array(name: &str, array: &mut Array) {
+fn fix_array(name: &str, array: &mut Array, is_item: bool) {
     let ArrayItems::RefOrSchema(items) = &mut array.items else { return };
     match items.as_mut() {
         RefOr::T(Schema::Object(object)) if object.properties.is_empty() => {
-            if let Some(length) = length_of(name) {
+            if let Some(length) = length_of(name, is_item) {
                 (array.min_items, array.max_items) = (Some(length), Some(length));
             }
         }
-        items => fix_lengths(name, items),
+        RefOr::T(Schema::Array(items)) => fix_array(name, items, true),
+        items @ (RefOr::T(_) | RefOr::Ref(_)) => fix_lengths(name, items),
     }
 }

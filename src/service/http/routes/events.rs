@@ -13,7 +13,7 @@ use uuid::Uuid;
 use crate::http::dto::{JobEventLine, render_event};
 use crate::http::extract::Ids;
 use crate::http::{AppState, Problem};
-use prosopon_contract::FaultKind;
+use prosopon_contract::{Fault, FaultKind};
 use prosopon_jobs::EventFeed;
 use prosopon_store::{EventRecord, JobId};
 
@@ -93,7 +93,8 @@ fn last_event_id(headers: &HeaderMap) -> Result<u64, Problem> {
     let Some(value) = headers.get("last-event-id") else { return Ok(0) };
     // The store counts in signed 64-bit integers.
     let number = value.to_str().ok().and_then(|v| v.parse().ok()).filter(|n| *n <= i64::MAX.unsigned_abs());
-    number.ok_or_else(|| Problem::new(FaultKind::MalformedRequest, "Last-Event-ID must be a whole number from 0 on"))
+    let refused = || Fault::new(FaultKind::MalformedRequest, "must be a whole number from 0 on").at("Last-Event-ID");
+    number.ok_or_else(|| refused().into())
 }
 
 /// Events one by one, and heartbeats after a silence of that length.

@@ -15,7 +15,7 @@ use super::osteotomies::current_osteotomy;
 use super::plans;
 use super::warm_start::with_warm_start;
 use crate::http::auth::Principal;
-use crate::http::dto::{JobList, JobView};
+use crate::http::dto::{JobList, JobView, statuses};
 use crate::http::extract::{Answering, CreateBody, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{
@@ -38,6 +38,7 @@ pub(in crate::http) struct Page {
     /// Id of a session: lists only its jobs.
     session: Option<Uuid>,
     /// Status: lists only jobs with this status.
+    #[param(schema_with = statuses)]
     status: Option<String>,
     /// Id of a job: lists only jobs created before it.
     before: Option<Uuid>,
@@ -261,7 +262,8 @@ async fn check_reference(
     let solved = SolveTask::of(&job)
         .map_err(|why| wrong(FaultKind::InvalidRequest, format!("job {id} {why}; name another one")))?;
     if solved.cuts != cuts || solved.plan.paths != plans::content(plan)?.paths {
-        let detail = format!("job {id} followed a plan whose cuts or paths differ from those of this one");
+        let followed = solved.request.plan.id().map_or_else(|| "another plan".to_owned(), |id| format!("plan {id}"));
+        let detail = format!("job {id} followed {followed}, whose cuts or paths differ from plan {}", plan.id);
         return Err(wrong(FaultKind::WrongState, detail));
     }
     Ok(())

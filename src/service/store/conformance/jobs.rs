@@ -118,6 +118,12 @@ async fn a_newer_job_takes_the_place_of_waiting_ones(store: Store) {
     for (job, state) in [(running, JobState::Running), (elsewhere.id, JobState::Accepted)] {
         assert_eq!(store.job(job).await.unwrap().unwrap().state, state);
     }
+    // Of the whole session: both that wait, whatever their plans, and not the running one.
+    let last = job(id, "5");
+    let superseded = vec![(elsewhere.id, None), (newer.id, None)];
+    let scope = Some(SupersedeScope::Session);
+    assert_eq!(insert_over(&store, &last, MANY, scope).await, Insertion::Stored { superseded, before: 0 });
+    assert_eq!(store.job(running).await.unwrap().unwrap().state, JobState::Running);
 }
 
 async fn a_job_is_continued_by_another_in_the_change_that_ends_it(store: Store) {

@@ -2,11 +2,11 @@ use std::collections::BTreeMap;
 
 use gltf_json::Node;
 use gltf_json::accessor::Type;
-use gltf_json::mesh::{Mesh, Mode, Primitive, Semantic};
+use gltf_json::mesh::Semantic;
 use gltf_json::validation::Checked::Valid;
 
 use super::SurfaceView;
-use super::glb_body::{Body, GLTF_FROM_LPS, matt};
+use super::glb_body::{Body, GLTF_FROM_LPS};
 use super::view::identifier;
 
 /// Binary glTF 2.0 with normals, vertex colours and each scalar as a `_NAME` attribute.
@@ -43,20 +43,7 @@ pub fn glb(surface: &SurfaceView<'_>) -> Vec<u8> {
         attributes.insert(Valid(Semantic::Extras(identifier(name).to_ascii_uppercase())), accessor);
     }
 
-    let indices = Some(body.triangles(mesh));
-
-    let material = Some(body.root.push(matt()));
-    let primitive = Primitive {
-        attributes,
-        extensions: None,
-        extras: None,
-        indices,
-        material,
-        mode: Valid(Mode::Triangles),
-        targets: None,
-    };
-    let mesh = Mesh { extensions: None, extras: None, name: None, primitives: vec![primitive], weights: None };
-    let mesh = Some(body.root.push(mesh));
+    let mesh = Some(body.surface(attributes, mesh, Vec::new(), None));
     let node = Node { matrix: Some(GLTF_FROM_LPS), mesh, name: Some("LPS mm".to_owned()), ..Node::default() };
     body.finish(node, None)
 }

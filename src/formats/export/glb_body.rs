@@ -1,10 +1,13 @@
 //! Parts that all writers of binary glTF share.
 
+use std::collections::BTreeMap;
+
 use gltf_json::accessor::{Accessor, ComponentType, GenericComponentType, Type};
 use gltf_json::buffer::{Buffer, Target, View};
 use gltf_json::extras::Extras;
 use gltf_json::material::{Material, PbrMetallicRoughness, StrengthFactor};
-use gltf_json::validation::Checked::Valid;
+use gltf_json::mesh::{Mesh, Mode, MorphTarget, Primitive, Semantic};
+use gltf_json::validation::Checked::{self, Valid};
 use gltf_json::validation::USize64;
 use gltf_json::{Asset, Index, Node, Root, Scene, Value};
 
@@ -14,7 +17,7 @@ use prosopon_geometry::TriMesh;
 pub(super) const GLTF_FROM_LPS: [f32; 16] = [1e-3, 0., 0., 0., 0., 0., -1e-3, 0., 0., 1e-3, 0., 0., 0., 0., 0., 1.];
 
 /// A matt, double-sided material: open surfaces show their inside, and glTF's default material is metal.
-pub(super) fn matt() -> Material {
+fn matt() -> Material {
     let pbr_metallic_roughness = PbrMetallicRoughness {
         metallic_factor: StrengthFactor(0.0),
         roughness_factor: StrengthFactor(0.8),
@@ -50,7 +53,7 @@ impl Body {
     }
 
     /// Appends the triangles of a mesh.
-    pub(super) fn triangles(&mut self, mesh: &TriMesh) -> Index<Accessor> {
+    fn triangles(&mut self, mesh: &TriMesh) -> Index<Accessor> {
         let bytes: Vec<u8> = mesh.triangles().as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect();
         let view = self.view(&bytes, Some(Target::ElementArrayBuffer));
         let indices = accessor_of(Some(view), 3 * mesh.triangles().len(), ComponentType::U32, Type::Scalar);
@@ -72,6 +75,27 @@ impl Body {
             extensions: None,
             extras: None,
         })
+    }
+
+    /// Appends the mesh of a surface; `targets` are its morph targets, which begin without weight.
+    pub(super) fn surface(
+        &mut self,
+        attributes: BTreeMap<Checked<Semantic>, Index<Accessor>>,
+        triangles: &TriMesh,
+        targets: Vec<MorphTarget>,
+        extras: Extras,
+    ) -> Index<Mesh> {
+        let weights = (!targets.is_empty()).then(|| vec![0.0; targets.len()]);
+        let primitive = Primitive {
+            attributes,
+            extensions: None,
+            extras: None,
+            indices: Some(self.triangles(triangles)),
+            material: Some(self.root.push(matt())),
+            mode: Valid(Mode::Triangles),
+            targets: (!targets.is_empty()).then_some(targets),
+        };
+        self.root.push(Mesh { extensions: None, extras, name: None, primitives: vec![primitive], weights })
     }
 
     /// Appends an attribute; `bounded` also states the smallest and largest value of each component.

@@ -5,12 +5,12 @@ use gltf_json::accessor::{Accessor, ComponentType, IndexComponentType, Type};
 use gltf_json::animation::{Animation, Channel, Interpolation, Property, Sampler, Target as Animated};
 use gltf_json::buffer::{Stride, Target, View};
 use gltf_json::extras::RawValue;
-use gltf_json::mesh::{Mesh, Mode, MorphTarget, Primitive, Semantic};
+use gltf_json::mesh::{MorphTarget, Semantic};
 use gltf_json::validation::Checked::Valid;
 use gltf_json::validation::USize64;
 use gltf_json::{Index, Node, Value};
 
-use super::glb_body::{Body, GLTF_FROM_LPS, accessor_of, matt};
+use super::glb_body::{Body, GLTF_FROM_LPS, accessor_of};
 use prosopon_geometry::{Aabb, Point, TriMesh};
 
 /// Largest whole number of a quantised coordinate.
@@ -65,29 +65,12 @@ pub fn path_glb(path: &PathView<'_>) -> Vec<u8> {
     if let Some(colours) = path.colours {
         attributes.insert(Valid(Semantic::Colors(0)), body.colours(colours));
     }
-    let indices = Some(body.triangles(path.rest));
     let targets: Vec<MorphTarget> =
         path.steps.iter().map(|step| target(&mut body, &rest, &Quantised::of(&step.moved, &grid))).collect();
-    let material = Some(body.root.push(matt()));
-    let primitive = Primitive {
-        attributes,
-        extensions: None,
-        extras: None,
-        indices,
-        material,
-        mode: Valid(Mode::Triangles),
-        targets: (!targets.is_empty()).then_some(targets),
-    };
     let names: Vec<&str> = path.steps.iter().map(|s| s.name.as_str()).collect();
-    let mesh = Mesh {
-        extensions: None,
-        // glTF has no names of morph targets; all programs read them here.
-        extras: raw(&Value::from_iter([("targetNames", Value::from(names))]).to_string()),
-        name: None,
-        primitives: vec![primitive],
-        weights: (!path.steps.is_empty()).then(|| vec![0.0; path.steps.len()]),
-    };
-    let mesh = Some(body.root.push(mesh));
+    // glTF has no names of morph targets; all programs read them here.
+    let names = raw(&Value::from_iter([("targetNames", Value::from(names))]).to_string());
+    let mesh = Some(body.surface(attributes, path.rest, targets, names));
     if !path.steps.is_empty() {
         animate(&mut body, path.steps);
     }

@@ -812,7 +812,7 @@ export interface paths {
         /**
          * Preview the cuts of an osteotomy
          * @description Returns the cuts that the same request to `createOsteotomy` would make, without cutting or storing anything. Move them and
-         *     send them as `cuts`. The session needs skin and skull.
+         *     send them as `cuts`. Whether they part the bone shows only when it is cut. The session needs skin and skull.
          */
         post: operations["previewOsteotomy"];
         delete?: never;

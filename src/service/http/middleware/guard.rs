@@ -28,7 +28,7 @@ const NOT_AUDITED: [&str; 5] = ["/v1/jobs", "/v1/jobs/{job}", "/v1/materials", "
 /// Begin of the name of a signed link in the audit log.
 const LINK: &str = "link:";
 
-/// What the audit log says about a request beside its route, as an extension of the answer.
+/// Further facts about a request for the audit log, as an extension of the answer.
 #[derive(Debug, Clone, Default)]
 pub(in crate::http) struct Audited {
     pub(in crate::http) what: Option<String>,
@@ -90,9 +90,9 @@ pub(in crate::http) async fn guard(
     if audited {
         let is_deletion = method == Method::DELETE && response.status() == StatusCode::NO_CONTENT;
         let made = || made_by(response.headers());
-        let told = response.extensions().get::<Audited>().cloned().unwrap_or_default();
-        let what = [Some(entry.what), told.what].into_iter().flatten().collect::<Vec<_>>().join(" ");
-        let id = entry.id.or(told.id).or_else(made);
+        let added = response.extensions().get::<Audited>().cloned().unwrap_or_default();
+        let what = [Some(entry.what), added.what].into_iter().flatten().collect::<Vec<_>>().join(" ");
+        let id = entry.id.or(added.id).or_else(made);
         let entry = AuditEntry { status: response.status().as_u16(), what, id, ..entry };
         state.service.note(entry, is_deletion);
     }

@@ -41,7 +41,7 @@ pub(in crate::http) async fn create(
 /// Preview the cuts of an osteotomy
 ///
 /// Returns the cuts that the same request to `createOsteotomy` would make, without cutting or storing anything. Move them and
-/// send them as `cuts`. The session needs skin and skull.
+/// send them as `cuts`. Whether they part the bone shows only when it is cut. The session needs skin and skull.
 #[utoipa::path(post, path = "/v1/sessions/{session}/osteotomies/preview", operation_id = "previewOsteotomy", tag = "bone",
     params(("session" = Uuid, Path)), request_body = CreateOsteotomy,
     responses((status = 200, description = "The cuts.", body = OsteotomyPreview)))]

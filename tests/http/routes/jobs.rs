@@ -338,6 +338,7 @@ async fn a_solve_can_bring_its_plan_and_replace_what_waits() {
     assert_eq!(pointers(&app.post(&path, json!({"plan": {"pathes": []}})).await), ["/plan/pathes", "/plan"]);
     assert_eq!(pointers(&app.post(&path, json!({"plan": "x"})).await), ["/plan"]);
     assert_eq!(pointers(&app.post(&path, json!({"plan": moved(-1.0), "supersede": "all"})).await), ["/supersede"]);
+    assert_eq!(pointers(&app.post(&path, json!({"plan": moved(-1.0), "supersede": true})).await), ["/supersede"]);
     assert_eq!(plans().await, 1);
 
     // While one runs, the positions of a slider replace each other.

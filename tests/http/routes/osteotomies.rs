@@ -64,6 +64,10 @@ async fn a_preview_shows_the_cuts_that_a_request_would_make() {
     assert_eq!(preview.json()["cuts"], made["cuts"]);
     let again = app.post(&path, json!({"cuts": preview.json()["cuts"]})).await.ok();
     assert_eq!((&again["cuts"], &again["segments"]), (&made["cuts"], &made["segments"]));
+    let guarded =
+        json!({"cuts": plane(3.0)["cuts"], "protected": [{"name": "nerve", "points_mm": [[0, 0, 3]], "margin_mm": 5}]});
+    let unmeasured = app.post(&format!("{path}/preview"), guarded).await.json();
+    assert_eq!(unmeasured["warnings"][0]["code"], "distances-not-measured");
     // The same faults, at the same places, and nothing is stored.
     let far = json!({"template": {"name": "le_fort_1", "midline_x_mm": 1e6}});
     assert_eq!(pointers(&app.post(&format!("{path}/preview"), far).await), ["/template/midline_x_mm"]);

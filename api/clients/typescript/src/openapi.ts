@@ -812,7 +812,8 @@ export interface paths {
         /**
          * Preview the cuts of an osteotomy
          * @description Returns the cuts that the same request to `createOsteotomy` would make, without cutting or storing anything. Move them and
-         *     send them as `cuts`. Whether they part the bone shows only when it is cut. The session needs skin and skull.
+         *     send them as `cuts`. Whether they meet and part the bone, and come near
+         *     protected structures, shows only when it is cut; a warning says so where the request has `protected`. The session needs skin and skull.
          */
         post: operations["previewOsteotomy"];
         delete?: never;

@@ -77,7 +77,7 @@ impl Links {
                 "the link was changed or is not one of this service; ask for a new one with POST /v1/links",
             );
         }
-        if expires < OffsetDateTime::now_utc().unix_timestamp() {
+        if expires <= OffsetDateTime::now_utc().unix_timestamp() {
             return refused("the link has expired; ask for a new one with POST /v1/links");
         }
         let uri = target.parse().map_err(|_| Fault::new(FaultKind::MalformedRequest, "the link cannot be read"))?;

@@ -15,6 +15,8 @@ use prosopon_contract::{Check, Fault, FaultKind};
 
 /// Most faults of a body that are reported.
 const MOST_FAULTS: usize = 20;
+/// Longest body that is searched for more than one fault, bytes: each further fault costs a further reading.
+const SEARCHED: usize = 64 << 10;
 
 /// A JSON body. The types themselves refuse unknown members.
 #[derive(Debug)]
@@ -96,6 +98,9 @@ fn all_faults<T: DeserializeOwned>(bytes: &[u8], first: serde_path_to_error::Err
         }
         let Some(member) = take_out(&mut rest, &pointer) else { break };
         taken.insert(member);
+        if bytes.len() > SEARCHED {
+            break;
+        }
         next = match strict_value::<T>(&rest) {
             Err(JsonFault::NotAsExpected(error)) => Some(error),
             Err(JsonFault::NoJson(_)) | Ok(_) => None,

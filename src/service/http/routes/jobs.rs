@@ -87,6 +87,10 @@ pub(in crate::http) async fn create(
     if ready.is_none() {
         parts.require_field()?;
     }
+    if request.supersede == SupersedeChoice::Plan && request.plan.id().is_none() {
+        let detail = "names the same plan, which no other solve has when the request brings a new one; use `session`";
+        return Err(Fault::new(FaultKind::InvalidRequest, detail).at("/supersede").into());
+    }
     let chosen = ChosenPlan::of(&state, &parts, session, request.plan).await?;
     request.plan = PlanChoice::Stored(chosen.record.id.uuid());
     let (max_wall_s, mesh_job) = (request.max_wall_s, request.mesh);

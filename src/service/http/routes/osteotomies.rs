@@ -10,6 +10,7 @@ use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
 use prosopon_contract::{CreateOsteotomy, CutDocument, Fault, FaultKind, OsteotomyDocument, from_json};
 use prosopon_formats::export::SurfaceView;
+use prosopon_geometry::Warning;
 use prosopon_jobs::{cut_bone, place_cuts};
 use prosopon_session::SessionParts;
 use prosopon_store::{OsteotomyId, OsteotomyRecord, SessionId, decode_mesh};
@@ -41,7 +42,8 @@ pub(in crate::http) async fn create(
 /// Preview the cuts of an osteotomy
 ///
 /// Returns the cuts that the same request to `createOsteotomy` would make, without cutting or storing anything. Move them and
-/// send them as `cuts`. Whether they part the bone shows only when it is cut. The session needs skin and skull.
+/// send them as `cuts`. Whether they meet and part the bone, and come near
+/// protected structures, shows only when it is cut; a warning says so where the request has `protected`. The session needs skin and skull.
 #[utoipa::path(post, path = "/v1/sessions/{session}/osteotomies/preview", operation_id = "previewOsteotomy", tag = "bone",
     params(("session" = Uuid, Path)), request_body = CreateOsteotomy,
     responses((status = 200, description = "The cuts.", body = OsteotomyPreview)))]
@@ -52,9 +54,14 @@ pub(in crate::http) async fn preview(
 ) -> Result<Json<OsteotomyPreview>, Problem> {
     let parts = SessionParts::load(state.service.store(), session).await?;
     let is_single = request.template.is_some();
+    let is_guarded = !request.protected.is_empty();
     let (_, cuts) = request.check(parts.landmarks()?.as_ref())?;
     let placed = place_cuts(&state.service, &parts, cuts).await;
-    let (cuts, warnings) = placed.map_err(|fault| if is_single { of_single(fault) } else { fault })?;
+    let (cuts, mut warnings) = placed.map_err(|fault| if is_single { of_single(fault) } else { fault })?;
+    if is_guarded {
+        let message = "the distances of the cuts to protected structures are not in a preview";
+        warnings.push(Warning::check("distances-not-measured", message).act("Cut the bone to see them."));
+    }
     let cuts = cuts.iter().map(CutDocument::from).collect();
     Ok(Json(OsteotomyPreview { cuts, findings: warnings.into_iter().collect() }))
 }

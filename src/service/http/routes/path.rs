@@ -10,7 +10,7 @@ use crate::http::{AppState, Problem};
 use prosopon_contract::{Fault, FaultKind};
 use prosopon_formats::export::{PathStep, PathView, path_glb};
 use prosopon_geometry::TriMesh;
-use prosopon_jobs::{SkinFrame, read_frame, rest_of};
+use prosopon_jobs::{SkinFrame, SolveTask, read_frame, rest_of};
 use prosopon_planning::evaluate::diverging;
 use prosopon_store::{JobId, JobKind, StepRecord};
 
@@ -69,6 +69,11 @@ pub(in crate::http) async fn path(
     let job = service.job(id).await?;
     if job.kind != JobKind::Solve {
         let detail = format!("a job of kind {} has no path; name a solve", job.kind.as_str());
+        return Err(Problem::new(FaultKind::NotFound, detail));
+    }
+    if SolveTask::of(&job).is_ok_and(|task| task.request.warm_start.is_some()) {
+        let detail = "the job started from the end of another one, so its steps make no path from rest; read its steps, or \
+                      solve without `warm_start`";
         return Err(Problem::new(FaultKind::NotFound, detail));
     }
     let steps = service.store().steps(id).await?;

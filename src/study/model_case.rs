@@ -94,6 +94,8 @@ pub(super) struct ModelTiming {
     pub(super) max_penetration_mm: f64,
     /// Farthest movement of bone, mm.
     pub(super) displacement_mm: f64,
+    /// Farthest movement beside tissue that was left out, mm.
+    pub(super) border_mm: f64,
     /// Time for fields, cut and mesh, s.
     pub(super) prepare_s: f64,
     /// Time of the path, from the mesh to the last skin, s.
@@ -190,6 +192,7 @@ pub(super) fn solved(
         factorisations: outcome.steps.iter().map(|s| s.factorisations).sum(),
         max_penetration_mm: last.report.max_penetration_mm,
         displacement_mm: largest_displacement_mm(&ready.bone, &ready.plan),
+        border_mm: outcome.left_out.border_mm,
         prepare_s: 0.0,
         solve_s,
         cpu_s,

@@ -83,6 +83,16 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
     }
 }
 
+/// Tries whether `cuts` part the bone, in a fraction of the time of [`cut`]. A kerf may still leave too little of a segment.
+///
+/// # Errors
+/// As [`cut`].
+pub fn try_cuts(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<(), PlanError> {
+    let (parted, _) = PartedBone::new(bone, cuts, control)?;
+    let freed = freed(&bone.grid, &parted.pieces, cuts);
+    parted.choice(&freed, &BTreeSet::new(), control).map(|_| ())
+}
+
 /// Cuts of shape [`CutShape::FreePart`], each with the piece whose node is nearest to its point.
 fn freed(grid: &ScalarGrid, pieces: &Pieces, cuts: &[Cut]) -> Vec<Freed> {
     let piece_at = |p: &Point| {

@@ -34,7 +34,7 @@ pub use arch::DentalArch;
 pub use autorotate::CondylarAxis;
 pub use bridge::Bridge;
 pub use clearance::{Clearance, Protected, clearances};
-pub use cut::cut;
+pub use cut::{cut, try_cuts};
 pub use follow::{PathReport, PathSample, follow};
 pub use names::name_segments;
 pub use osteotomy::{Osteotomy, Segment};

@@ -41,11 +41,11 @@ pub(super) struct BoneMotion<'a> {
     pub(super) displacement_mm: f64,
 }
 
-/// Free and sliding nodes that move by less than `min_mm`, by estimate.
+/// Nodes not held by bone that move by less than `min_mm`, by estimate.
 ///
 /// The length of the displacement is taken as harmonic between moving and fixed bone, with conductances `G V / l²` on the edges
 /// of the cells. `G` is the shear modulus of the tissue, and four times that of skin: skin is pulled along as a sheet, and an
-/// incompressible sheet resists a pull with `4 G`.
+/// incompressible sheet resists a pull with `4 G`. Tissue that glides on resting bone moves along it, and so counts as free.
 pub(super) fn beyond_reach(
     mesh: &MixedMesh,
     bone: &CutBone,
@@ -61,12 +61,12 @@ pub(super) fn beyond_reach(
     };
     let held: Vec<Option<f64>> = (mesh.attachment.iter().enumerate())
         .map(|(node, attachment)| match attachment {
-            Attachment::Tied(segment) | Attachment::Gliding(segment) => {
-                Some(if moving.contains(segment) { displacement_mm } else { 0.0 })
+            Attachment::Tied(segment) | Attachment::Gliding(segment) if moving.contains(segment) => {
+                Some(displacement_mm)
             }
-            Attachment::Fixed => Some(0.0),
+            Attachment::Tied(_) | Attachment::Fixed => Some(0.0),
             Attachment::Sliding if pushed(node) => Some(displacement_mm),
-            Attachment::Sliding | Attachment::Free => None,
+            Attachment::Gliding(_) | Attachment::Sliding | Attachment::Free => None,
         })
         .collect();
     let conductances = Conductances::of(mesh, |tissue| {

@@ -8,7 +8,7 @@ use super::cut::{CutDocument, checked_cut, points};
 use super::fault::Fault;
 use super::landmarks::{LandmarksDocument, PlacedPlane, checked_plane};
 use super::warning::Findings;
-use prosopon_geometry::Point;
+use prosopon_geometry::{Point, Warning};
 use prosopon_planning::plan::{Clearance, Cut, Landmarks, Osteotomy, Protected, Segment, Template, TemplateCall};
 
 /// Osteotomy templates.
@@ -150,6 +150,8 @@ pub struct Cuts {
     pub cuts: Vec<Cut>,
     /// Protected points and curves, whose distance to the cuts is reported.
     pub protected: Vec<Protected>,
+    /// Warnings about the request.
+    pub warnings: Vec<Warning>,
 }
 
 impl CreateOsteotomy {
@@ -167,6 +169,8 @@ impl CreateOsteotomy {
         if self.template.is_some() && self.templates.is_some() {
             check.fault("/templates", "cannot be combined with template; give one of them");
         }
+        let called = self.template.iter().chain(self.templates.iter().flatten().take(8));
+        let warnings = called.filter_map(landmarks_not_used).collect();
         let mut templates = Vec::new();
         if let Some(t) = &self.template {
             templates.push(template(&mut check, "/template", t, &session));
@@ -191,7 +195,7 @@ impl CreateOsteotomy {
         let protected = self.protected.iter().take(32).enumerate();
         let protected = protected.map(|(i, p)| kept_away(&mut check, &format!("/protected/{i}"), p)).collect();
         check.finish()?;
-        Ok((label, Cuts { templates, cuts, protected }))
+        Ok((label, Cuts { templates, cuts, protected, warnings }))
     }
 }
 
@@ -202,6 +206,16 @@ fn kept_away(check: &mut Check, pointer: &str, p: &ProtectedRequest) -> Protecte
     }
     let points = points(check, &format!("{pointer}/points_mm"), &p.points_mm, 1, 1000);
     Protected { name: p.name.clone(), points, margin_mm: p.margin_mm }
+}
+
+/// Warns of landmarks of a request that its template does not use: their names may be misspelt.
+fn landmarks_not_used(t: &TemplateRequest) -> Option<Warning> {
+    let template = Template::from(t.name);
+    let used = |name: &str| template.needs().iter().chain(template.improved_by()).any(|used| *used == name);
+    let others: Vec<String> =
+        t.landmarks.keys().filter(|name| !used(name)).take(10).map(|name| name.chars().take(64).collect()).collect();
+    let message = format!("{} does not use the landmarks {}", template.name(), others.join(", "));
+    (!others.is_empty()).then(|| Warning::info("landmarks-not-used", message).act("Check the names."))
 }
 
 fn template(check: &mut Check, pointer: &str, t: &TemplateRequest, session: &Landmarks) -> TemplateCall {
@@ -342,5 +356,11 @@ impl OsteotomyDocument {
             dropped_mm3: osteotomy.dropped_mm3,
             findings: osteotomy.warnings.iter().cloned().collect(),
         }
+    }
+
+    /// Names of the named segments, by number.
+    #[must_use]
+    pub fn segment_names(&self) -> BTreeMap<u32, String> {
+        self.segments.iter().filter_map(|s| Some((s.id, s.name.clone()?))).collect()
     }
 }

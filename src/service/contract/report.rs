@@ -75,6 +75,9 @@ pub struct ReportDocument {
     pub budget: Option<BudgetDocument>,
     /// Plan with the paths of the bone.
     pub plan: PlanDocument,
+    /// Names of the bone segments by number, as the osteotomy suggested them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub segment_names: BTreeMap<u32, String>,
     /// Cost and result of each step.
     pub steps: Vec<StepDocument>,
     /// Tissue that was left out; absent when all was kept.

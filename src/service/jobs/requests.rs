@@ -1,5 +1,7 @@
 //! Requests of jobs, as stored in their rows.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use prosopon_contract::{
@@ -93,6 +95,9 @@ pub struct SolveTask {
     pub cut_s: f64,
     /// Warnings of the cuts.
     pub cut_warnings: Vec<WarningDocument>,
+    /// Names of the segments, by number.
+    #[serde(default)]
+    pub segment_names: BTreeMap<u32, String>,
     /// The tissue mesh.
     pub mesh: MeshChoice,
     /// Key of the mesh when the job was accepted.
@@ -163,6 +168,9 @@ pub struct SceneTask {
     pub field_key: String,
     /// Warnings of the cuts.
     pub cut_warnings: Vec<WarningDocument>,
+    /// Names of the segments of the cuts, by number.
+    #[serde(default)]
+    pub segment_names: BTreeMap<u32, String>,
     /// Segments and part keys of the uploaded bones.
     pub bones: Vec<(u32, String)>,
     /// Settings of the distance fields of the bones.

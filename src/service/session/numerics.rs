@@ -15,7 +15,8 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Motion, Point, TriMesh, Vector, Warning};
 use prosopon_planning::evaluate::{self, Clinical, ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{
-    self, Clearance, Cut, Landmarks, Osteotomy, Path, PathReport, Plan, Proposal, TemplateCuts, TemplateError,
+    self, Clearance, Cut, Landmarks, Osteotomy, Path, PathReport, Plan, PlanError, Proposal, TemplateCuts,
+    TemplateError,
 };
 use prosopon_planning::simulate::{self, CutBone, Fields, Mouth, Outcome, SimulateError, TissueModel};
 use prosopon_planning::surface::{self, CtSettings, CtSurfaces};
@@ -235,7 +236,7 @@ impl Engine for Numerics {
         let cut = self.osteotomy_of(case, &all, &control.stage(0.5, 1.0));
         let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, &templates))?);
         let warnings = templates.warnings(&osteotomy);
-        osteotomy.warnings.extend(warnings);
+        osteotomy.warnings.extend(warnings.into_iter().chain(cuts.warnings.iter().cloned()));
         let clearances = plan::clearances(&osteotomy, &cuts.protected)?;
         for near in &clearances {
             let Some(protected) = cuts.protected.get(near.protected) else { continue };
@@ -256,7 +257,20 @@ impl Engine for Numerics {
 
     fn place(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Vec<Cut>, Vec<Warning>), Halt> {
         let (templates, all) = self.placed(case, cuts, control)?;
-        Ok((all, templates.placing_warnings()))
+        let mut warnings = cuts.warnings.clone();
+        warnings.extend(templates.placing_warnings());
+        let bone = self.envelope_of(case, control)?;
+        match plan::try_cuts(&bone, &all, control) {
+            Ok(()) => {}
+            Err(fault @ PlanError::MissesBone { .. }) => {
+                warnings.push(Warning::check("cut-misses-bone", fault.to_string()).act("Move or enlarge the cut."));
+            }
+            Err(fault @ PlanError::NotParted { .. }) => {
+                warnings.push(Warning::check("bone-not-parted", fault.to_string()).act("Move or enlarge the cuts."));
+            }
+            Err(fault) => return Err(fault.into()),
+        }
+        Ok((all, warnings))
     }
 
     fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal {

@@ -19,8 +19,8 @@ use crate::http::dto::{JobList, JobView, statuses};
 use crate::http::extract::{Answering, CreateBody, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{
-    CutDocument, Fault, FaultKind, PlanChoice, SessionSettings, SolveRequest, SupersedeChoice, TissueDocument,
-    from_json, short_number,
+    CutDocument, Fault, FaultKind, OsteotomyDocument, PlanChoice, SessionSettings, SolveRequest, SupersedeChoice,
+    TissueDocument, from_json, short_number,
 };
 use prosopon_jobs::{Given, Order, SceneTask, SolveTask};
 use prosopon_planning::simulate::{HEAD_LOCKING, READY_MESH_LOCKING};
@@ -127,6 +127,7 @@ pub(in crate::http) async fn create(
         request: lasting(&request),
         osteotomy_id: osteotomy.id,
         plan: content,
+        segment_names: bone.segment_names(),
         cuts: bone.cuts,
         cut_warnings: bone.findings.iter().cloned().collect(),
         cut_s: osteotomy.wall_s,
@@ -226,15 +227,15 @@ async fn scene(
         None => None,
     };
     let field_key = if bone.is_some() { parts.field_key()? } else { String::new() };
-    let (cuts, cut_warnings) = bone.map(|b| (b.cuts, b.findings.iter().cloned().collect())).unzip();
     Ok(SceneTask {
         ready,
         request: SolveRequest { leave_out_below_mm: Some(0.0), ..lasting(request) },
         plan: plans::content(plan)?,
         osteotomy_id: plan.osteotomy,
-        cuts,
         field_key,
-        cut_warnings: cut_warnings.unwrap_or_default(),
+        cut_warnings: bone.iter().flat_map(|bone| bone.findings.iter().cloned()).collect(),
+        segment_names: bone.as_ref().map(OsteotomyDocument::segment_names).unwrap_or_default(),
+        cuts: bone.map(|bone| bone.cuts),
         bones: parts.bone_keys(),
         field_settings: parts.field_settings()?,
     })

@@ -42,8 +42,8 @@ pub(in crate::http) async fn create(
 /// Preview the cuts of an osteotomy
 ///
 /// Returns the cuts that the same request to `createOsteotomy` would make, without cutting or storing anything. Move them and
-/// send them as `cuts`. Whether they meet and part the bone, and come near
-/// protected structures, shows only when it is cut; a warning says so where the request has `protected`. The session needs skin and skull.
+/// send them as `cuts`. Warnings say where a cut misses the bone and where the cuts do not part it. Distances to protected
+/// structures show only when the bone is cut; a warning says so where the request has `protected`. The session needs skin and skull.
 #[utoipa::path(post, path = "/v1/sessions/{session}/osteotomies/preview", operation_id = "previewOsteotomy", tag = "bone",
     params(("session" = Uuid, Path)), request_body = CreateOsteotomy,
     responses((status = 200, description = "The cuts.", body = OsteotomyPreview)))]

@@ -4,17 +4,17 @@ use axum::response::Response;
 use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
-use super::report_page::{CaseNames, report_page};
+use super::report_page::report_page;
 use super::report_pictures::pictures;
 use crate::http::extract::{Ids, Params};
 use crate::http::result::{not_modified, tag_of, tagged};
 use crate::http::{AppState, Problem};
-use prosopon_contract::{Fault, FaultKind, OsteotomyDocument, ReportDocument, from_json};
+use prosopon_contract::{Fault, FaultKind, ReportDocument, from_json};
 use prosopon_jobs::Service;
 use prosopon_store::{JobId, JobKind, JobRecord};
 
 /// Version of the page's layout: a browser that has an older one loads it again.
-const PAGE_LAYOUT: &str = "2";
+const PAGE_LAYOUT: &str = "3";
 /// Content policy of the page: its own styles, pictures inside it, and nothing else.
 const PAGE_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; \
     base-uri 'none'; form-action 'none'";
@@ -71,11 +71,11 @@ pub(in crate::http) async fn report(
     page(&state.service, &job, &text, &headers).await
 }
 
-/// The report as a page. Its tag includes the names, which are stored apart from the report.
+/// The report as a page. Its tag includes the session's label, which is stored apart from the report.
 async fn page(service: &Service, job: &JobRecord, text: &str, headers: &HeaderMap) -> Result<Response, Problem> {
     let report: ReportDocument = from_json("the report", text)?;
-    let names = case_names(service, job, &report).await?;
-    let tag = tag_of(&[text, "html", PAGE_LAYOUT, &format!("{names:?}")]);
+    let label = service.store().session(job.session).await?.and_then(|session| session.label);
+    let tag = tag_of(&[text, "html", PAGE_LAYOUT, &format!("{label:?}")]);
     if let Some(known) = not_modified(headers, &tag) {
         return Ok(known);
     }
@@ -83,24 +83,8 @@ async fn page(service: &Service, job: &JobRecord, text: &str, headers: &HeaderMa
         Some(step) => pictures(service, job, step).await?,
         None => Vec::new(),
     };
-    let page = report_page(&report, &names, &rows)?;
+    let page = report_page(&report, label.as_deref(), &rows)?;
     let mut response = tagged(headers, &tag, "text/html; charset=utf-8", page.into())?;
     response.headers_mut().insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(PAGE_POLICY));
     Ok(response)
-}
-
-/// Label of the job's session, and names of the segments of its osteotomy if that is still stored.
-async fn case_names(service: &Service, job: &JobRecord, report: &ReportDocument) -> Result<CaseNames, Problem> {
-    let session = service.store().session(job.session).await?;
-    let id = report.parameters.get("osteotomy").and_then(|id| id.as_str()).and_then(|id| id.parse().ok());
-    let record = match id {
-        Some(id) => service.store().osteotomy(job.session, id).await?,
-        None => None,
-    };
-    let segments = match record {
-        Some(record) => from_json::<OsteotomyDocument>("the osteotomy", &record.document)?.segments,
-        None => Vec::new(),
-    };
-    let segments = segments.into_iter().filter_map(|s| s.name.map(|name| (s.id, name))).collect();
-    Ok(CaseNames { label: session.and_then(|s| s.label), segments })
 }

@@ -1,7 +1,5 @@
 //! The report as a page for a clinician, made by the template `report.html`.
 
-use std::collections::BTreeMap;
-
 use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value};
 use serde::Serialize;
@@ -21,15 +19,6 @@ use prosopon_contract::{FaultKind, Findings, ReportDocument, SeverityName, Warni
 /// The template and its name, whose ending `.html` stands for HTML.
 const NAME: &str = "report.html";
 const TEMPLATE: &str = include_str!("report.html");
-
-/// Names that the report does not have.
-#[derive(Debug, Default)]
-pub(super) struct CaseNames {
-    /// Label of the session.
-    pub(super) label: Option<String>,
-    /// Names of the segments by number; empty when the osteotomy was deleted or the session has none.
-    pub(super) segments: BTreeMap<u32, String>,
-}
 
 /// Everything that the template shows.
 #[derive(Debug, Serialize)]
@@ -67,12 +56,14 @@ struct Finding {
 }
 
 /// Renders the report as one self-contained page: no script, no other file, all texts escaped.
-pub(super) fn report_page(r: &ReportDocument, names: &CaseNames, pictures: &[PictureRow]) -> Result<String, Problem> {
+///
+/// The label is the session's.
+pub(super) fn report_page(r: &ReportDocument, label: Option<&str>, pictures: &[PictureRow]) -> Result<String, Problem> {
     let moved = |(name, m): (&String, &prosopon_contract::RegionMotionDocument)| {
         std::iter::once(region(name)).chain(movement(m.forward_mm, m.down_mm, m.left_mm)).collect()
     };
     let page = Page {
-        label: names.label.as_deref(),
+        label,
         finished: date(&r.finished_at),
         job: &r.job,
         session: &r.session,
@@ -80,7 +71,7 @@ pub(super) fn report_page(r: &ReportDocument, names: &CaseNames, pictures: &[Pic
         attempt: r.attempt,
         model: &r.model,
         warnings: groups(&r.findings),
-        plan: plan(&r.plan, &names.segments),
+        plan: plan(&r.plan, &r.segment_names),
         regions: Table::new(
             "Mean movement of the skin by region, mm",
             &["region", "forward / back", "down / up", "left / right"],
@@ -89,7 +80,7 @@ pub(super) fn report_page(r: &ReportDocument, names: &CaseNames, pictures: &[Pic
         clinical: r.clinical.as_ref().map(clinical),
         pictures,
         errors: r.error.as_ref().map(errors),
-        appendix: appendix(r, &names.segments),
+        appendix: appendix(r, &r.segment_names),
     };
     render(&page).map_err(|error| {
         tracing::error!(%error, "the report's page cannot be made");
@@ -151,25 +142,21 @@ mod tests {
             "plan": {"label": "<i>plan</i>", "wall_s": 0.0, "reports": [], "paths": [{"segment": 1, "waypoints": [
                 {"t": 1.0, "translation_mm": [0.0, -6.0, -1.5], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}]}]},
             "steps": [], "regions": {"cheek_left": {"forward_mm": 1.3, "down_mm": -0.5, "left_mm": 0.0}},
-            "error": null, "regions_from_landmarks": true, "warnings": warnings
+            "segment_names": {"1": "maxilla"}, "error": null, "regions_from_landmarks": true, "warnings": warnings
         }))
         .unwrap()
     }
 
-    fn names(label: &str) -> CaseNames {
-        CaseNames { label: Some(label.to_owned()), segments: BTreeMap::from([(1, "maxilla".to_owned())]) }
-    }
-
     #[test]
     fn a_label_cannot_become_markup() {
-        let page = report_page(&report(&json!([])), &names("<script>alert('1')</script>"), &[]).unwrap();
+        let page = report_page(&report(&json!([])), Some("<script>alert('1')</script>"), &[]).unwrap();
         assert!(!page.contains("<script"), "{page}");
         assert!(page.contains("&lt;script&gt;alert(") && page.contains("&lt;i&gt;plan"), "{page}");
     }
 
     #[test]
     fn the_plan_has_names_and_directions() {
-        let page = report_page(&report(&json!([])), &names("Case 7"), &[]).unwrap();
+        let page = report_page(&report(&json!([])), Some("Case 7"), &[]).unwrap();
         for part in
             ["Case 7", "maxilla", "6.0 mm forward", "1.5 mm down", "left cheek", "1.3 forward", "0.5 up", "le fort 1"]
         {
@@ -184,7 +171,7 @@ mod tests {
             {"code": "bone-overlap", "severity": "check", "message": long, "action": "Change the path."},
             {"code": "inside-out-elements", "severity": "unreliable", "message": "2 elements are inside out"}
         ]);
-        let page = report_page(&report(&warnings), &names("Case 7"), &[]).unwrap();
+        let page = report_page(&report(&warnings), Some("Case 7"), &[]).unwrap();
         let grave = page.find("2 elements are inside out.").unwrap();
         let check = page.find("very long message").unwrap();
         assert!(grave < check, "the gravest first");

@@ -66,6 +66,7 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         tissue: None,
         budget: i.budget.clone(),
         plan: i.request.plan.clone(),
+        segment_names: i.request.segment_names.clone(),
         steps,
         left_out: (i.outcome.left_out.nodes > 0).then(|| i.outcome.left_out.into()),
         attached: Some((&i.outcome.attached).into()),

@@ -152,6 +152,7 @@ async fn report(
         tissue: Some(request.ready.clone()),
         budget: None,
         plan: request.plan.clone(),
+        segment_names: request.segment_names.clone(),
         steps,
         left_out: None,
         attached: None,

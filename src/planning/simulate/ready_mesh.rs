@@ -127,9 +127,6 @@ impl ReadyMesh {
                 }
                 Cell::Wedge(corners) => {
                     let corners = turn_wedge(corners, x).ok_or(ReadyMeshError::Flat { cell })?;
-                    if is_twisted(corners, x) {
-                        return Err(ReadyMeshError::Twisted { cell, corners: [corners[3], corners[0]] });
-                    }
                     cell_indices.push(CellIndex::Prism(prisms.len() as u32));
                     prisms.push(corners);
                     prism_tissue.push(tissue);
@@ -140,6 +137,7 @@ impl ReadyMesh {
             let message = format!("{turned} tetrahedra were inside out and were reoriented");
             warnings.push(Warning::info("tetrahedra-turned", message));
         }
+        warnings.extend(twisted_wedges(&prisms, &cell_indices, x)?);
         let boundary_faces = BoundaryFaces::of(&tetrahedra, &prisms)?;
         boundary_faces.outer_first(&mut prisms, &attachment);
         let bone_faces = bone_faces(&tetrahedra, &prisms, &attachment);
@@ -237,6 +235,46 @@ fn turn_wedge(corners: [u32; 6], x: &[Point]) -> Option<[u32; 6]> {
     } else {
         Some([i, k, j, l, n, m])
     }
+}
+
+/// Checks that the triangles of the wedges are numbered from opposite corners.
+///
+/// The triangles of a thin wedge may be turned against each other by more than 60° all the same. Its sides then are those of
+/// its neighbours; the sides of a wedge with the wrong numbers are not.
+///
+/// # Errors
+/// [`ReadyMeshError::Twisted`] for a twisted wedge that shares no side with another.
+fn twisted_wedges(prisms: &[[u32; 6]], cells: &[CellIndex], x: &[Point]) -> Result<Option<Warning>, ReadyMeshError> {
+    let of_cell = |(cell, index): (usize, &CellIndex)| match index {
+        CellIndex::Prism(prism) => Some((cell, prisms[*prism as usize])),
+        CellIndex::Tetrahedron(_) => None,
+    };
+    let wedges = cells.iter().enumerate().filter_map(of_cell);
+    let twisted: Vec<(usize, [u32; 6])> = wedges.filter(|(_, corners)| is_twisted(*corners, x)).collect();
+    let Some((first, _)) = twisted.first() else { return Ok(None) };
+    let mut sides: Vec<[u32; 4]> = prisms.iter().flat_map(sides_of).collect();
+    sides.sort_unstable();
+    let is_shared = |side: &[u32; 4]| {
+        let at = sides.partition_point(|s| s < side);
+        sides.get(at + 1) == Some(side)
+    };
+    match twisted.iter().find(|(_, corners)| !sides_of(corners).iter().any(is_shared)) {
+        Some(&(cell, corners)) => Err(ReadyMeshError::Twisted { cell, corners: [corners[3], corners[0]] }),
+        None => {
+            let n = twisted.len();
+            let message = format!("{n} wedges are twisted by more than 60°, the first is cell {first}");
+            Ok(Some(Warning::info("twisted-wedges", message)))
+        }
+    }
+}
+
+/// The corners of the sides of a wedge, ascending.
+fn sides_of(corners: &[u32; 6]) -> [[u32; 4]; 3] {
+    [(0, 1), (1, 2), (2, 0)].map(|(i, j)| {
+        let mut side = [corners[i], corners[j], corners[3 + i], corners[3 + j]];
+        side.sort_unstable();
+        side
+    })
 }
 
 /// Whether the second triangle matches the first better with its corners rotated by one or two: the wedge is then twisted by more

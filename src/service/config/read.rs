@@ -145,6 +145,7 @@ fn service(s: &mut Source, has_tenants: bool) -> ServiceSettings {
         memory_mb: s.take_optional("memory_mb").or(d.memory_mb),
         max_wall: Duration::from_secs(s.take("max_wall_s", d.max_wall.as_secs())),
         session_quota: megabytes(s.take("session_quota_mb", d.session_quota / MB)),
+        min_free: megabytes(s.take("min_free_mb", d.min_free / MB)),
         session_retention: s.take_optional("session_retention_days").map(days),
         deleted_retention: Duration::from_secs(s.take("deleted_retention_s", d.deleted_retention.as_secs())),
         event_retention: days(s.take("event_retention_days", d.event_retention.as_secs() / DAY_S)),

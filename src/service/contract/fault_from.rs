@@ -61,6 +61,11 @@ impl From<StoreError> for Fault {
                     format!("{error}, or refuses this value; see the log of the service"),
                 )
             }
+            StoreError::NoRoom { .. } => {
+                tracing::error!(error = chain(&error), "only reads and deletions are accepted");
+                let detail = format!("{error}; delete sessions with at_once=true, or enlarge the disk");
+                Self::new(FaultKind::StorageFull, detail)
+            }
             StoreError::DirectoryGone { .. } => {
                 tracing::error!(error = chain(&error), "what is written now is lost");
                 let detail = "the data directory of the service is gone, so nothing is accepted; tell its operator";

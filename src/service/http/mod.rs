@@ -53,6 +53,7 @@ fn with_bounds(routes: Router, state: AppState) -> Router {
         .layer(from_fn(middleware::mark_compressed))
         .layer(from_fn_with_state(state.limits.answer, middleware::catch_errors))
         .layer(from_fn_with_state(middleware::KnownParameters::of(openapi()), middleware::known_parameters_only))
+        .layer(from_fn_with_state(state.clone(), middleware::keep_room))
         .layer(from_fn_with_state(state.clone(), middleware::guard))
         .layer(middleware::cors(&state.origins))
         .layer(from_fn_with_state(state.clone(), middleware::check_host))

@@ -29,6 +29,8 @@ pub struct ServiceSettings {
     pub max_wall: Duration,
     /// Quota of a session, bytes.
     pub session_quota: u64,
+    /// Bytes of the disk that are kept free for deletions and the ends of jobs.
+    pub min_free: u64,
     /// Retention of unused sessions; `None` keeps them.
     pub session_retention: Option<Duration>,
     /// Time in which a deleted session can be restored; zero deletes it at once.
@@ -57,6 +59,8 @@ impl Default for ServiceSettings {
             memory_mb: allowed_mb(),
             max_wall: Duration::from_secs(2 * 3600),
             session_quota: 16 << 30,
+            // Deleting every row of a database of some GB needs less, and so does the write-ahead log of SQLite.
+            min_free: 256 << 20,
             session_retention: None,
             deleted_retention: Duration::from_secs(DAY),
             event_retention: Duration::from_secs(30 * DAY),

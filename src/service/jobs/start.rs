@@ -26,7 +26,7 @@ impl Service {
         let stop = CancellationToken::new();
         let workers = if settings.computes_jobs { Worker::all(settings.parallel_jobs) } else { Vec::new() };
         let service = Arc::new(Self {
-            store: store.with_quota(settings.session_quota),
+            store: store.with_quota(settings.session_quota).with_room(settings.min_free),
             engine,
             cpu,
             settings,

@@ -76,6 +76,11 @@ async fn claim(service: &Service, lane: Lane) -> Result<Option<JobRecord>, Fault
     if service.is_draining() {
         return Ok(None);
     }
+    // A job that starts now would fail at its first result; it waits for room instead.
+    if let Err(full) = service.store.check_room() {
+        tracing::warn!(error = chain(&full), "no job is started");
+        return Ok(None);
+    }
     let to = next(JobState::Accepted, JobEvent::Start).map_err(|e| illegal(&e))?;
     let start = |job: &JobRecord| JobChange {
         phase: Some("reading"),

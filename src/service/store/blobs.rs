@@ -14,6 +14,7 @@ use uuid::Uuid;
 
 use super::directory::Watched;
 use super::records::hex;
+use super::room::Room;
 use super::{SessionId, StoreError, seal};
 
 /// Key, size and hash of a stored blob.
@@ -42,6 +43,7 @@ pub struct Blobs {
     /// Directory of the files, where unfinished uploads are found; `None` for other object stores.
     root: Option<Arc<FsPath>>,
     watched: Option<Arc<Watched>>,
+    room: Arc<Room>,
 }
 
 impl fmt::Debug for Blobs {
@@ -55,11 +57,25 @@ impl Blobs {
         std::fs::create_dir_all(root)?;
         let local = LocalFileSystem::new_with_prefix(root)?.with_fsync(true).with_automatic_cleanup(true);
         let watched = Watched::new(root, File::open(root).ok())?;
-        Ok(Self { objects: Arc::new(local), root: Some(Arc::from(root)), watched: Some(Arc::new(watched)) })
+        Ok(Self {
+            objects: Arc::new(local),
+            root: Some(Arc::from(root)),
+            watched: Some(Arc::new(watched)),
+            room: Arc::default(),
+        })
     }
 
     pub(super) fn over(objects: Arc<dyn ObjectStore>) -> Self {
-        Self { objects, root: None, watched: None }
+        Self { objects, root: None, watched: None, room: Arc::default() }
+    }
+
+    /// The same blobs with `room` on the disk of their directory; others keep no room.
+    pub(super) fn with_room(self, room: Arc<Room>) -> Self {
+        if self.root.is_some() { Self { room, ..self } } else { self }
+    }
+
+    pub(super) fn root(&self) -> Option<&FsPath> {
+        self.root.as_deref()
     }
 
     /// Checks that the directory of the files is still the one that was opened; a write would make it anew.
@@ -101,6 +117,7 @@ impl Blobs {
         let info = BlobInfo { key: key.to_string(), bytes: bytes.len() as u64, sha256: hex(&hash) };
         let seal = Bytes::from_owner(seal::seal(&info.key, &hash));
         self.check_directory()?;
+        self.room.check()?;
         self.objects.put(&key, PutPayload::from_iter([Bytes::from(bytes), seal])).await?;
         self.check_directory()?;
         Ok(info)
@@ -115,6 +132,7 @@ impl Blobs {
     pub async fn upload(&self, session: SessionId, max_bytes: u64) -> Result<Upload, StoreError> {
         let key = fresh_key(session);
         self.check_directory()?;
+        self.room.check()?;
         let writer = WriteMultipart::new(self.objects.put_multipart(&key).await?);
         Ok(Upload { blobs: self.clone(), key, writer, hash: Sha256::new(), bytes: 0, max_bytes })
     }
@@ -283,6 +301,7 @@ impl Upload {
         if self.bytes > self.max_bytes {
             return Err(StoreError::TooLarge { allowed: self.max_bytes });
         }
+        self.blobs.room.check()?;
         self.hash.update(&piece);
         self.writer.wait_for_capacity(4).await?;
         self.writer.put(piece);

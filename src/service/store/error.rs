@@ -2,6 +2,8 @@ use std::path::PathBuf;
 
 use sqlx::error::DatabaseError;
 
+use super::room::FreeRoom;
+
 /// Why the store could not do what was requested.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -98,6 +100,12 @@ pub enum StoreError {
     DirectoryGone {
         /// The path.
         path: PathBuf,
+    },
+    /// The disk has less room than the store keeps free.
+    #[error("the disk has {} MB left, and {} MB are kept for deletions", free.bytes >> 20, free.least >> 20)]
+    NoRoom {
+        /// What is left.
+        free: FreeRoom,
     },
     /// Another process has the data directory open.
     #[error("another process is using it")]

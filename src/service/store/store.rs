@@ -9,6 +9,7 @@ use object_store::ObjectStore;
 
 use super::directory::Watched;
 use super::records::{now_rfc3339, rfc3339_before};
+use super::room::{FreeRoom, Room};
 use super::{
     AnswerRecord, Blobs, Changes, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId,
     PlanRecord, SessionContents, SessionId, SessionRecord, StoreError, StoredAnswer, TenantId,
@@ -37,6 +38,7 @@ pub struct Store {
     log: Arc<str>,
     /// The lock of the data directory, and the database if it is there.
     watched: Arc<[Watched]>,
+    room: Arc<Room>,
 }
 
 impl Store {
@@ -50,6 +52,29 @@ impl Store {
     #[must_use]
     pub fn with_quota(self, bytes: u64) -> Self {
         Self { quota: bytes, ..self }
+    }
+
+    /// The same store, which keeps `least` bytes of its local disks free.
+    #[must_use]
+    pub fn with_room(self, least: u64) -> Self {
+        let room = Arc::new(Room { directories: self.room.directories.clone(), least });
+        Self { blobs: self.blobs.with_room(Arc::clone(&room)), room, ..self }
+    }
+
+    /// Room on the fullest local disk; `None` when all rows and blobs are elsewhere.
+    ///
+    /// # Errors
+    /// The disk's.
+    pub fn free_room(&self) -> Result<Option<FreeRoom>> {
+        Ok(self.room.free()?)
+    }
+
+    /// Checks that there is room for more than deletions.
+    ///
+    /// # Errors
+    /// [`StoreError::NoRoom`], else the disk's.
+    pub fn check_room(&self) -> Result<()> {
+        self.room.check()
     }
 
     /// The blobs: large immutable values.

@@ -33,6 +33,34 @@ fn a_twisted_wedge_is_refused() {
     }
 }
 
+/// A fan of three wedges round an edge; the inner triangle of the first is turned in its plane, but its points are those of the
+/// neighbours.
+#[test]
+fn a_thin_wedge_may_be_twisted() {
+    let turned = |degrees: f64, inner: [u32; 3]| {
+        let round = |z: f64, angle: f64| Point::new(10.0 * angle.cos(), 10.0 * angle.sin(), z);
+        let mut points = vec![Point::new(0.0, 0.0, 2.0), Point::new(0.0, 0.0, 0.0)];
+        for k in 0..3 {
+            let angle = f64::from(k) * std::f64::consts::TAU / 3.0;
+            points.push(round(2.0, angle));
+            points.push(round(0.0, angle + degrees.to_radians()));
+        }
+        let cells = vec![
+            Cell::Wedge([0, 2, 4, inner[0], inner[1], inner[2]]),
+            Cell::Wedge([0, 4, 6, 1, 5, 7]),
+            Cell::Wedge([0, 6, 2, 1, 7, 3]),
+        ];
+        ReadyMesh::new(&VolumeMesh { points, cells, ..VolumeMesh::default() })
+    };
+    let codes = |ready: ReadyMesh| ready.warnings.iter().map(|w| w.code).collect::<Vec<_>>();
+    assert!(!codes(turned(20.0, [1, 3, 5]).unwrap()).contains(&"twisted-wedges"));
+    assert!(codes(turned(75.0, [1, 3, 5]).unwrap()).contains(&"twisted-wedges"));
+    match turned(0.0, [3, 5, 1]) {
+        Err(ReadyMeshError::Twisted { cell: 0, .. }) => {}
+        other => panic!("{other:?}"),
+    }
+}
+
 #[test]
 fn points_in_one_place_are_reported() {
     let mut torn = volume([0, 1, 2, 3, 4, 5], [7, 8, 9, 6]);

@@ -6,8 +6,10 @@ use axum::response::{IntoResponse, Response};
 
 use crate::http::{AppState, Problem};
 use prosopon_contract::FaultKind;
-use prosopon_store::Lane;
+use prosopon_store::{FreeRoom, Lane};
 
+/// Room on the disk below which [`readyz`] warns, in units of what is kept free.
+const NEARLY_FULL: u64 = 4;
 /// Longest wait for the database when metrics are read; Prometheus scrapers wait ten seconds in all.
 const QUEUE_TOLD: Duration = Duration::from_secs(2);
 
@@ -28,17 +30,26 @@ pub(in crate::http) async fn livez(State(state): State<AppState>) -> Result<&'st
 /// Check that the service is ready
 ///
 /// Succeeds when the database answers, the bucket accepts this process and the values that its jobs write, and the service is
-/// not stopping. An unreachable bucket does not count: requests that need no bucket are answered, and jobs wait.
+/// not stopping. An unreachable bucket does not count: requests that need no bucket are answered, and jobs wait. Fails with
+/// `storage-full` when the disk has less room than the setting `min_free_mb`; the answer says it before, below four times that.
 #[utoipa::path(get, path = "/readyz", operation_id = "ready", tag = "health", responses((status = 200, description = "Ready.", body = String)))]
-pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<&'static str, Problem> {
+pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<String, Problem> {
     if state.service.is_draining() {
         return Err(Problem::new(FaultKind::ShuttingDown, "the service is stopping"));
     }
     state.service.store().check().await?;
+    state.service.store().check_room()?;
     if state.service.is_refused() {
         return Err(Problem::new(FaultKind::StoreRefuses, "the bucket refuses writes of jobs; the log has its answer"));
     }
-    Ok("ok\n")
+    Ok(match state.service.store().free_room()? {
+        Some(FreeRoom { bytes, least }) if bytes < least.saturating_mul(NEARLY_FULL) => format!(
+            "ok, but the disk has {} MB left; below {} MB only reads and deletions are accepted\n",
+            bytes >> 20,
+            least >> 20
+        ),
+        _ => "ok\n".to_owned(),
+    })
 }
 
 /// Read the metrics
@@ -56,6 +67,9 @@ pub(in crate::http) async fn metrics(State(state): State<AppState>) -> Response 
         waiting_in_all += waiting;
     }
     metrics::gauge!("prosopon_jobs_waiting").set(waiting_in_all);
+    if let Ok(Some(free)) = state.service.store().free_room() {
+        metrics::gauge!("prosopon_disk_free_bytes").set(free.bytes as f64);
+    }
     if let Some(bytes) = resident_bytes() {
         metrics::gauge!("prosopon_resident_bytes").set(bytes as f64);
     }

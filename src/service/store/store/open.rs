@@ -12,6 +12,7 @@ use super::{Result, Store};
 use crate::directory::{BLOBS, LOCAL_LOG, Watched, create_private, given_log_name, is_unfinished, lock, mark_finished};
 use crate::location::{BucketUrl, StoreLocation};
 use crate::postgres::PostgresMeta;
+use crate::room::Room;
 use crate::sqlite::{self, SqliteMeta};
 use crate::{Blobs, MetaStore, StoreError};
 
@@ -67,7 +68,10 @@ impl Store {
             // A handle of its own would release SQLite's locks when it is closed.
             watched.push(Watched::new(&directory.join(sqlite::DATABASE), None)?);
         }
-        let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), watched: watched.into() };
+        let rows = (!shared).then(|| directory.to_owned());
+        let directories = rows.into_iter().chain(blobs.root().map(Path::to_owned)).collect();
+        let room = Arc::new(Room { directories, least: 0 });
+        let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), watched: watched.into(), room };
         store.check_belonging(directory, places).await?;
         // In a shared store another process may be about to name a blob that it has stored, so only a local store is swept.
         if *places == StoreLocation::default() {

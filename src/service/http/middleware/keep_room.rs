@@ -1,0 +1,15 @@
+use axum::extract::{Request, State};
+use axum::http::Method;
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+use crate::http::{AppState, Problem};
+
+/// Refuses what may store something while the disk has room for deletions only.
+pub(in crate::http) async fn keep_room(State(state): State<AppState>, request: Request, next: Next) -> Response {
+    let stores = [Method::POST, Method::PUT].contains(request.method());
+    match if stores { state.service.store().check_room() } else { Ok(()) } {
+        Ok(()) => next.run(request).await,
+        Err(full) => Problem::from(full).into_response(),
+    }
+}

@@ -1,0 +1,59 @@
+//! Room on a disk that is kept free for deletions and for the ends of jobs.
+
+use std::path::PathBuf;
+
+use super::StoreError;
+
+/// Local directories of a store, and how many bytes their disks keep free.
+///
+/// A database needs room even to delete rows. Below the limit, new sessions, uploads, jobs and results are refused.
+#[derive(Debug, Default)]
+pub(super) struct Room {
+    pub(super) directories: Vec<PathBuf>,
+    pub(super) least: u64,
+}
+
+/// Free bytes on the fullest disk of a store.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FreeRoom {
+    /// Bytes that this process may still write.
+    pub bytes: u64,
+    /// Bytes below which the store takes only reads and deletions.
+    pub least: u64,
+}
+
+impl Room {
+    /// Room on the fullest disk; `None` when nothing of the store is on a local disk.
+    pub(super) fn free(&self) -> std::io::Result<Option<FreeRoom>> {
+        let free = self.directories.iter().map(fs4::available_space).collect::<std::io::Result<Vec<u64>>>()?;
+        Ok(free.into_iter().min().map(|bytes| FreeRoom { bytes, least: self.least }))
+    }
+
+    /// # Errors
+    /// [`StoreError::NoRoom`] below the limit, else the disk's.
+    pub(super) fn check(&self) -> Result<(), StoreError> {
+        match self.free()? {
+            Some(free) if free.bytes < free.least => Err(StoreError::NoRoom { free }),
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_disk_below_the_limit_has_no_room() {
+        let directory = tempfile::tempdir().unwrap();
+        let room = |least| Room { directories: vec![directory.path().to_owned()], least };
+        room(1).check().unwrap();
+        match room(u64::MAX).check() {
+            Err(StoreError::NoRoom { free }) => assert!(free.bytes > 0 && free.least == u64::MAX, "{free:?}"),
+            other => panic!("{other:?}"),
+        }
+        assert_eq!(Room::default().free().unwrap(), None);
+        let gone = Room { directories: vec![directory.path().join("gone")], least: 0 };
+        assert!(matches!(gone.check(), Err(StoreError::Io(_))));
+    }
+}

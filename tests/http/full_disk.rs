@@ -198,7 +198,7 @@ async fn a_full_disk_can_be_emptied() {
     app.post(&format!("{session}/jobs"), json!({"plan": plan})).await.problem(507, "storage-full");
     assert_eq!(app.get(&format!("{job}?wait_s=1")).await.ok()["status"], "accepted");
     assert_eq!(app.delete(&format!("{other}?at_once=true")).await.status, StatusCode::NO_CONTENT);
-    app.get(&other).await.problem(404, "not-found");
+    app.get(&other).await.problem(410, "gone");
 
     // With twice as much, all is accepted, and `/readyz` warns.
     let free = app.state.service.store().free_room().unwrap().unwrap();

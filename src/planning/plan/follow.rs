@@ -86,6 +86,37 @@ pub fn follow(osteotomy: &Osteotomy, plan: &Plan, control: &Control) -> Result<V
     Ok(reports)
 }
 
+/// Displacement of every moving segment; overlap and gap, which take a second, are left out and `along` is empty.
+///
+/// # Errors
+/// [`PlanError::Value`] as [`follow`].
+pub fn outline(osteotomy: &Osteotomy, plan: &Plan) -> Result<Vec<PathReport>, PlanError> {
+    check_paths(osteotomy, plan)?;
+    let of_path = |path: &Path| {
+        let segment = osteotomy.segments.iter().find(|s| s.id == path.segment())?;
+        Some(displacement(segment, path))
+    };
+    Ok(plan.paths.iter().filter_map(of_path).collect())
+}
+
+/// Report without overlap and gap.
+fn displacement(segment: &Segment, path: &Path) -> PathReport {
+    let positions = segment.surface.positions();
+    let end = path.at(1.0);
+    let shift = end * segment.centroid - segment.centroid;
+    let farthest = |m: &Motion| positions.iter().map(|p| (m * p - p).norm()).fold(0.0, f64::max);
+    let reached = |of: &dyn Fn(&Motion) -> f64| path.waypoints().iter().map(|w| of(&w.1)).fold(0.0, f64::max);
+    let turned_deg = reached(&|m| m.rotation.angle()).to_degrees();
+    PathReport {
+        segment: segment.id,
+        max_displacement_mm: farthest(&end),
+        centroid_displacement_mm: [shift.x, shift.y, shift.z],
+        path_length_mm: path.length_mm(&segment.centroid),
+        warnings: motion_warnings(&segment.label(), reached(&farthest), turned_deg),
+        along: Vec::new(),
+    }
+}
+
 /// Refuses paths of segments that cannot move, and second paths of a segment.
 fn check_paths(osteotomy: &Osteotomy, plan: &Plan) -> Result<(), PlanError> {
     let n = osteotomy.segments.len();
@@ -139,24 +170,12 @@ impl Follower<'_> {
             deepest = sampled.deepest;
             along.push(sampled.sample);
         }
-        let end = path.at(1.0);
-        let shift = end * segment.centroid - segment.centroid;
-        let farthest = |m: &Motion| positions.iter().map(|p| (m * p - p).norm()).fold(0.0, f64::max);
-        let reached = |of: &dyn Fn(&Motion) -> f64| path.waypoints().iter().map(|w| of(&w.1)).fold(0.0, f64::max);
-        let turned_deg = reached(&|m| m.rotation.angle()).to_degrees();
-        let mut warnings = motion_warnings(&segment.label(), reached(&farthest), turned_deg);
+        let mut report = displacement(segment, path);
         if let Some(end) = along.last() {
-            warnings.extend(deepest.and_then(|deepest| self.overlap_warning(segment, end, &deepest)));
-            warnings.extend(gap_warning(&segment.label(), end));
+            report.warnings.extend(deepest.and_then(|deepest| self.overlap_warning(segment, end, &deepest)));
+            report.warnings.extend(gap_warning(&segment.label(), end));
         }
-        Ok(PathReport {
-            segment: segment.id,
-            max_displacement_mm: farthest(&end),
-            centroid_displacement_mm: [shift.x, shift.y, shift.z],
-            path_length_mm: path.length_mm(&segment.centroid),
-            warnings,
-            along,
-        })
+        Ok(PathReport { along, ..report })
     }
 
     /// Overlap and gap of `segment` at `t`, and where it lies deepest in another segment, if it does.

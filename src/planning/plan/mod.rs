@@ -35,7 +35,7 @@ pub use autorotate::CondylarAxis;
 pub use bridge::Bridge;
 pub use clearance::{Clearance, Protected, clearances};
 pub use cut::{cut, try_cuts};
-pub use follow::{PathReport, PathSample, follow};
+pub use follow::{PathReport, PathSample, follow, outline};
 pub use names::name_segments;
 pub use osteotomy::{Osteotomy, Segment};
 pub use path::{Path, Plan};

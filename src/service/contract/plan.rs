@@ -53,7 +53,7 @@ pub struct PathReportDocument {
     pub centroid_displacement_mm: [f64; 3],
     /// Length of the centroid's path, mm.
     pub path_length_mm: f64,
-    /// Overlap and gap along the path.
+    /// Overlap and gap along the path; empty until they are measured.
     pub along: Vec<PathSample>,
 }
 
@@ -85,6 +85,11 @@ pub struct PlanDocument {
     pub paths: Vec<PathDocument>,
     /// One report for each path.
     pub reports: Vec<PathReportDocument>,
+    /// Whether overlaps and gaps of bone along the paths have been measured.
+    ///
+    /// They are measured when the plan is read, and by a solve at its end. A plan for an uploaded tissue mesh has none.
+    #[serde(default = "yes")]
+    pub measured: bool,
     /// Warnings and notes.
     #[serde(flatten)]
     pub findings: Findings,
@@ -92,7 +97,30 @@ pub struct PlanDocument {
     pub wall_s: f64,
 }
 
+/// Documents from before the member have been measured.
+fn yes() -> bool {
+    true
+}
+
 impl PlanDocument {
+    /// A plan without reports.
+    #[must_use]
+    pub fn new(label: Option<String>, plan: &Plan) -> Self {
+        let (reports, findings) = (Vec::new(), Findings::default());
+        Self { label, paths: Self::paths_of(plan), reports, measured: false, findings, wall_s: 0.0 }
+    }
+
+    /// The same plan with `reports`, which took `wall_s` to compute.
+    #[must_use]
+    pub fn reported(self, reports: &[PathReport], wall_s: f64) -> Self {
+        Self {
+            findings: reports.iter().flat_map(|report| report.warnings.clone()).collect(),
+            reports: reports.iter().map(PathReportDocument::from).collect(),
+            wall_s: self.wall_s + wall_s,
+            ..self
+        }
+    }
+
     /// The plan for the numerics.
     ///
     /// # Errors

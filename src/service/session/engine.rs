@@ -90,7 +90,13 @@ pub trait Engine: Debug + Send + Sync {
     /// Proposes landmarks from the surfaces of skin and skull.
     fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal;
 
-    /// Follows the paths of a plan; returns a report for each path.
+    /// Displacements along the paths of a plan; returns a report for each path, without overlaps and gaps.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn outline(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt>;
+
+    /// Measures overlaps and gaps along the paths of a plan; returns a report for each path.
     ///
     /// # Errors
     /// [`Halt`].

@@ -277,6 +277,11 @@ impl Engine for Numerics {
         plan::propose(skin, skull)
     }
 
+    fn outline(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt> {
+        let osteotomy = self.osteotomy_of(case, cuts, control)?;
+        Ok(plan::outline(&osteotomy, plan)?)
+    }
+
     fn follow(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt> {
         let osteotomy = self.osteotomy_of(case, cuts, &control.stage(0.0, 0.5))?;
         Ok(plan::follow(&osteotomy, plan, &control.stage(0.5, 1.0))?)

@@ -2,8 +2,6 @@ use std::path::PathBuf;
 
 use sqlx::error::DatabaseError;
 
-use super::room::FreeRoom;
-
 /// Why the store could not do what was requested.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -102,10 +100,12 @@ pub enum StoreError {
         path: PathBuf,
     },
     /// The disk has less room than the store keeps free.
-    #[error("the disk has {} MB left, and {} MB are kept for deletions", free.bytes >> 20, free.least >> 20)]
+    #[error("the disk has {} MB left, and {} MB are kept for deletions", bytes >> 20, least >> 20)]
     NoRoom {
-        /// What is left.
-        free: FreeRoom,
+        /// Bytes that are left.
+        bytes: u64,
+        /// Bytes that are kept free.
+        least: u64,
     },
     /// Another process has the data directory open.
     #[error("another process is using it")]

@@ -118,6 +118,9 @@ pub trait MetaStore: Debug + Send + Sync {
     /// Plans of a session, oldest first.
     async fn plans(&self, session: SessionId) -> Result<Vec<PlanRecord>>;
 
+    /// Replaces the document of a plan, if it exists.
+    async fn set_plan(&self, session: SessionId, id: PlanId, document: &str) -> Result<()>;
+
     /// Deletes a plan; false when it does not exist.
     async fn delete_plan(&self, session: SessionId, id: PlanId) -> Result<bool>;
 

@@ -33,7 +33,7 @@ impl Room {
     /// [`StoreError::NoRoom`] below the limit, else the disk's.
     pub(super) fn check(&self) -> Result<(), StoreError> {
         match self.free()? {
-            Some(free) if free.bytes < free.least => Err(StoreError::NoRoom { free }),
+            Some(FreeRoom { bytes, least }) if bytes < least => Err(StoreError::NoRoom { bytes, least }),
             _ => Ok(()),
         }
     }
@@ -49,7 +49,7 @@ mod tests {
         let room = |least| Room { directories: vec![directory.path().to_owned()], least };
         room(1).check().unwrap();
         match room(u64::MAX).check() {
-            Err(StoreError::NoRoom { free }) => assert!(free.bytes > 0 && free.least == u64::MAX, "{free:?}"),
+            Err(StoreError::NoRoom { bytes, least }) => assert!(bytes > 0 && least == u64::MAX, "{bytes}"),
             other => panic!("{other:?}"),
         }
         assert_eq!(Room::default().free().unwrap(), None);

@@ -376,6 +376,14 @@ impl Store {
         Ok(self.plans(session).await?.into_iter().find(|p| p.id == id))
     }
 
+    /// Replaces the document of a plan; nothing happens when the plan does not exist.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn set_plan(&self, session: SessionId, id: PlanId, document: &str) -> Result<()> {
+        self.meta.set_plan(session, id, document).await
+    }
+
     /// Deletes a plan; false when it does not exist.
     ///
     /// # Errors

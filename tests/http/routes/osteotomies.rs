@@ -68,22 +68,28 @@ async fn a_preview_shows_the_cuts_that_a_request_would_make() {
         json!({"cuts": plane(3.0)["cuts"], "protected": [{"name": "nerve", "points_mm": [[0, 0, 3]], "margin_mm": 5}]});
     let unmeasured = app.post(&format!("{path}/preview"), guarded).await.json();
     assert_eq!(unmeasured["warnings"][0]["code"], "distances-not-measured");
-    // A plane beside the bone is shown all the same, so that it can be moved.
-    let missed = app.post(&format!("{path}/preview"), plane(500.0)).await.ok();
-    assert_eq!(missed["cuts"][0]["plane"]["point_mm"][2], 500.0);
-    assert_eq!(missed["warnings"][0]["code"], "cut-misses-bone");
-    let bounded = json!({"cuts": [{"plane": {"point_mm": [0, 0, 3], "normal": [0, 0, 1],
-        "bounds": {"direction": [1, 0, 0], "half_length_mm": 5, "half_width_mm": 5}}}]});
-    let through = app.post(&format!("{path}/preview"), bounded).await.ok();
-    assert_eq!(through["warnings"][0]["code"], "bone-not-parted");
-    let misspelt = json!({"template": {"name": "le_fort_1", "plane": {"point_mm": [6, -60, 38], "normal": [0, 0, 1]},
-        "landmarks": {"zygomaxilare_left": [30, -60, 38]}}});
-    let placed = app.post(&format!("{path}/preview"), misspelt).await.ok();
-    assert_eq!(placed["notes"][0]["code"], "landmarks-not-used", "{placed}");
     // The same faults, at the same places, and nothing is stored.
     let far = json!({"template": {"name": "le_fort_1", "midline_x_mm": 1e6}});
     assert_eq!(pointers(&app.post(&format!("{path}/preview"), far).await), ["/template/midline_x_mm"]);
     assert_eq!(app.get(&path).await.ok()["osteotomies"].as_array().unwrap().len(), 2);
+}
+
+#[tokio::test]
+async fn a_preview_says_where_a_request_would_be_refused() {
+    let app = TestApp::real().await;
+    let path = format!("{}/osteotomies/preview", app.session_with_surfaces().await);
+    assert_eq!(app.post(&path, plane(0.0)).await.ok()["warnings"], json!([]));
+    // A plane beside the bone is shown all the same, so that it can be moved.
+    let missed = app.post(&path, plane(500.0)).await.ok();
+    assert_eq!(missed["cuts"][0]["plane"]["point_mm"][2], 500.0);
+    assert_eq!(missed["warnings"][0]["code"], "cut-misses-bone", "{missed}");
+    let bounded = json!({"cuts": [{"plane": {"point_mm": [0, 0, 3], "normal": [0, 0, 1],
+        "bounds": {"direction": [1, 0, 0], "half_length_mm": 5, "half_width_mm": 5}}}]});
+    assert_eq!(app.post(&path, bounded).await.ok()["warnings"][0]["code"], "bone-not-parted");
+    let misspelt = json!({"template": {"name": "le_fort_1", "midline_x_mm": 0, "occlusal_plane_z_mm": -20,
+        "plane": {"point_mm": [0, 0, 3], "normal": [0, 0, 1]}, "landmarks": {"zygomaxilare_left": [30, -60, 38]}}});
+    let placed = app.post(&path, misspelt).await.ok();
+    assert_eq!(placed["notes"][0]["code"], "landmarks-not-used", "{placed}");
 }
 
 #[tokio::test]

@@ -31,9 +31,16 @@ async fn a_plan_stores_its_motions_and_reports_each_path() {
         for (found, expected) in last["translation_mm"].as_array().unwrap().iter().zip([10.0, -10.0, 0.0]) {
             assert!((found.as_f64().unwrap() - expected).abs() < 1e-12, "{last}");
         }
-        assert_eq!(made["reports"][0]["segment"], 1);
+        // Overlaps and gaps are measured once, when the plan is read.
+        assert_eq!((&made["measured"], &made["reports"][0]["along"]), (&json!(false), &json!([])));
         let own = format!("{path}/{}", made["id"].as_str().unwrap());
-        assert_eq!(app.get(&own).await.ok(), made);
+        let read = app.get(&own).await.ok();
+        assert_eq!((&read["measured"], &read["paths"]), (&json!(true), &made["paths"]));
+        assert_eq!(read["reports"][0]["segment"], 1);
+        assert_eq!(read["reports"][0]["along"].as_array().unwrap().len(), 2);
+        assert_eq!(read["warnings"][0]["code"], "stand-in");
+        assert_eq!(app.get(&own).await.ok(), read);
+        assert_eq!(app.get(&path).await.ok()["plans"], json!([read]));
         assert_eq!(app.delete(&own).await.status, StatusCode::NO_CONTENT);
         app.get(&own).await.problem(410, "gone");
     }

@@ -229,6 +229,11 @@ impl Engine for StandIn {
         Proposal { points, midline_x_mm: 0.5, ..Proposal::default() }
     }
 
+    fn outline(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt> {
+        let reports = self.follow(case, cuts, plan, control)?.into_iter();
+        Ok(reports.map(|report| PathReport { warnings: Vec::new(), along: Vec::new(), ..report }).collect())
+    }
+
     fn follow(&self, _: &Case, _: &[Cut], plan: &Plan, _: &Control) -> Result<Vec<PathReport>, Halt> {
         self.cut_again()?;
         let report = |path: &prosopon_planning::plan::Path| {

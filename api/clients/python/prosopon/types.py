@@ -1070,7 +1070,7 @@ class PathDocument(TypedDict):
 class PathReportDocument(TypedDict):
     """Report of a segment's path: displacement, overlaps and gaps."""
 
-    along: List[PathSample]  # Overlap and gap along the path.
+    along: List[PathSample]  # Overlap and gap along the path; empty until they are measured.
     centroid_displacement_mm: List[float]  # Displacement of its centroid at the end, LPS mm.
     max_displacement_mm: float  # Largest displacement of a point of the segment at the end, mm.
     path_length_mm: float  # Length of the centroid's path, mm.
@@ -1141,6 +1141,7 @@ class PlanDocument(_PlanDocumentRequired, total=False):
     """Plan: paths of the bone segments with their reports."""
 
     label: Optional[str]  # Label that the client gave it.
+    measured: bool  # Whether overlaps and gaps of bone along the paths have been measured.
 
 
 class PlanList(TypedDict):
@@ -1357,6 +1358,7 @@ class ReportDocument(_ReportDocumentRequired, total=False):
     field: Optional[FieldDocument]  # The distance fields; absent for an uploaded tissue mesh.
     left_out: Optional[LeftOutDocument]  # Tissue that was left out; absent when all was kept.
     mesh: Optional[MeshDocument]  # The tissue mesh; absent for an uploaded tissue mesh.
+    segment_names: Dict[str, str]  # Names of the bone segments by number, as the osteotomy suggested them.
     tissue: Optional[TissueDocument]  # The uploaded tissue mesh that replaces it.
     unconfirmed_landmarks: List[str]  # Proposed landmarks and planes of the session that no person has confirmed.
 

@@ -120,6 +120,11 @@ export class Client {
     return (await this.transport.call("get", "/v1/sessions/{session}/plans", { path: { session } })).plans;
   }
 
+  /** Reads a plan; the first reading measures overlaps and gaps of bone, which takes a second. */
+  plan(session: string, plan: string): Promise<Schemas["PlanView"]> {
+    return this.transport.call("get", "/v1/sessions/{session}/plans/{plan}", { path: { session, plan } });
+  }
+
   /** Creates a plan: the paths of the moving segments. */
   createPlan(session: string, body: Schemas["CreatePlan"]): Promise<Schemas["PlanView"]> {
     return this.transport.call("post", "/v1/sessions/{session}/plans", { path: { session }, body });

@@ -95,7 +95,8 @@ export interface paths {
         /**
          * Check that the service is ready
          * @description Succeeds when the database answers, the bucket accepts this process and the values that its jobs write, and the service is
-         *     not stopping. An unreachable bucket does not count: requests that need no bucket are answered, and jobs wait.
+         *     not stopping. An unreachable bucket does not count: requests that need no bucket are answered, and jobs wait. Fails with
+         *     `storage-full` when the disk has less room than the setting `min_free_mb`; the answer says it before, below four times that.
          */
         get: operations["ready"];
         put?: never;
@@ -812,8 +813,8 @@ export interface paths {
         /**
          * Preview the cuts of an osteotomy
          * @description Returns the cuts that the same request to `createOsteotomy` would make, without cutting or storing anything. Move them and
-         *     send them as `cuts`. Whether they meet and part the bone, and come near
-         *     protected structures, shows only when it is cut; a warning says so where the request has `protected`. The session needs skin and skull.
+         *     send them as `cuts`. Warnings say where a cut misses the bone and where the cuts do not part it. Distances to protected
+         *     structures show only when the bone is cut; a warning says so where the request has `protected`. The session needs skin and skull.
          */
         post: operations["previewOsteotomy"];
         delete?: never;
@@ -881,8 +882,9 @@ export interface paths {
         put?: never;
         /**
          * Create a plan
-         * @description Plans rigid paths of the bone segments; screw motions join the waypoints. With an osteotomy, the answer reports overlaps and
-         *     gaps of bone along the paths. A plan for an uploaded tissue mesh has no such report.
+         * @description Plans rigid paths of the bone segments; screw motions join the waypoints. With an osteotomy, the answer reports how far they
+         *     move; read the plan for overlaps and gaps of bone along the paths, which take a second to measure. A plan for an uploaded
+         *     tissue mesh has no report.
          */
         post: operations["createPlan"];
         delete?: never;
@@ -900,7 +902,8 @@ export interface paths {
         };
         /**
          * Read a plan
-         * @description Returns its paths and the report on them.
+         * @description Returns its paths and the report on them. The first reading measures overlaps and gaps of bone; `measured` is false where
+         *     bone or settings have changed since the bone was cut.
          */
         get: operations["getPlan"];
         put?: never;
@@ -2472,7 +2475,7 @@ export interface components {
         };
         /** @description Report of a segment's path: displacement, overlaps and gaps. */
         PathReportDocument: {
-            /** @description Overlap and gap along the path. */
+            /** @description Overlap and gap along the path; empty until they are measured. */
             along: components["schemas"]["PathSample"][];
             /** @description Displacement of its centroid at the end, LPS mm. */
             centroid_displacement_mm: number[];
@@ -2608,6 +2611,12 @@ export interface components {
         PlanDocument: components["schemas"]["Findings"] & {
             /** @description Label that the client gave it. */
             label?: string | null;
+            /**
+             * @description Whether overlaps and gaps of bone along the paths have been measured.
+             *
+             *     They are measured when the plan is read, and by a solve at its end. A plan for an uploaded tissue mesh has none.
+             */
+            measured?: boolean;
             /** @description One path for each moving segment. */
             paths: components["schemas"]["PathDocument"][];
             /** @description One report for each path. */
@@ -2943,6 +2952,10 @@ export interface components {
             };
             /** @description Whether landmarks placed the regions of the face; otherwise the proportions of the skin did. */
             regions_from_landmarks: boolean;
+            /** @description Names of the bone segments by number, as the osteotomy suggested them. */
+            segment_names?: {
+                [key: string]: string;
+            };
             /** @description Its session. */
             session: string;
             /** @description Cost and result of each step. */

@@ -28,6 +28,7 @@ export async function openCuts(app: App): Promise<void> {
     if (solve && !shown) return;
     const view = shown ? app.state.osteotomies.find(({ id }) => id === shown.osteotomy) : newest;
     if (view) await showCut(app, view, shown);
+    await measurePlan(app);
   });
 }
 
@@ -44,6 +45,7 @@ export async function showPlanOf(app: App, job: JobView): Promise<void> {
     if (app.state.shownSolve !== job.id) return;
     if (cut) placeCut(app, cut);
     else hideCut(app);
+    await measurePlan(app);
   });
 }
 
@@ -118,6 +120,15 @@ export function setMotion(app: App, segment: number, motion: Motion): void {
   const { cut } = app.state;
   if (!cut) return;
   app.set({ cut: { ...cut, motions: new Map(cut.motions).set(segment, motion), plan: undefined } });
+}
+
+/** Reads overlaps and gaps of bone along the shown plan, unless they are known. */
+export async function measurePlan(app: App): Promise<void> {
+  const { session, cut } = app.state;
+  if (!session || !cut?.plan || cut.plan.measured) return;
+  const plan = await app.client.plan(session.id, cut.plan.id);
+  const shown = app.state.cut;
+  if (shown?.plan?.id === plan.id) app.set({ cut: { ...shown, plan } });
 }
 
 /** The plan of the shown motions: the one that exists, or a new one. */

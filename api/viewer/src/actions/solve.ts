@@ -3,13 +3,14 @@ import type { App } from "./app.ts";
 import { referenceSolves } from "../model/jobs.ts";
 import { partState } from "../model/state.ts";
 import type { PlanView, Schemas } from "../model/state.ts";
-import { planMotions } from "./cuts.ts";
+import { measurePlan, planMotions } from "./cuts.ts";
 import { follow, showSolve } from "./jobs.ts";
 import { saveLandmarks } from "./landmarks.ts";
 
 /** Plans the shown motions, and nothing more. */
 export async function makePlan(app: App): Promise<void> {
-  await app.attempt("Plan the movement", () => planMotions(app));
+  const plan = await app.attempt("Plan the movement", () => planMotions(app));
+  if (plan) await app.load("Measure overlaps of bone", () => measurePlan(app));
 }
 
 /** Makes what is missing for a prediction (field, plan, mesh), and starts the solve. */

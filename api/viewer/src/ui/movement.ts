@@ -136,6 +136,12 @@ function followsField(app: App, cut: Cut, motion: Motion, set: SetMotion): Templ
   ${condylesNote(app)}`;
 }
 
+/** Overlap of a segment with other bone at the end of its path; the service measures it after the answer to a plan. */
+function overlap({ along }: PlanView["reports"][number]): string {
+  const end = along.at(-1);
+  return end ? `${shortMm(end.overlap_mm)} mm` : "not measured yet";
+}
+
 /** What the service found about the planned movement. */
 function planReport(cut: Cut, plan: PlanView): TemplateResult {
   const name = (id: number) => segmentName(cut.view.segments.find((segment) => segment.id === id) ?? { id });
@@ -146,7 +152,7 @@ function planReport(cut: Cut, plan: PlanView): TemplateResult {
         ${plan.reports.map((report) => html`<tr>
           <th scope="row">${name(report.segment)}</th>
           <td>${shortMm(report.max_displacement_mm)} mm</td>
-          <td>${shortMm(report.along.at(-1)?.overlap_mm ?? 0)} mm</td>
+          <td>${overlap(report)}</td>
         </tr>`)}
       </tbody>
     </table>

@@ -230,7 +230,7 @@ async fn scene(
     Ok(SceneTask {
         ready,
         request: SolveRequest { leave_out_below_mm: Some(0.0), ..lasting(request) },
-        plan: plans::content(plan)?,
+        plan: plans::measured(state, plan).await?,
         osteotomy_id: plan.osteotomy,
         field_key,
         cut_warnings: bone.iter().flat_map(|bone| bone.findings.iter().cloned()).collect(),

@@ -7,15 +7,16 @@ use super::osteotomies::current_osteotomy;
 use crate::http::dto::{PlanList, PlanView};
 use crate::http::extract::{CreateBody, Ids};
 use crate::http::{AppState, Problem};
-use prosopon_contract::{CreatePlan, FaultKind, Findings, PlanDocument, Segments, from_json, stored_cuts, to_json};
-use prosopon_jobs::make_plan;
+use prosopon_contract::{CreatePlan, FaultKind, PlanDocument, Segments, from_json, stored_cuts, to_json};
+use prosopon_jobs::{make_plan, measure_plan};
 use prosopon_session::SessionParts;
 use prosopon_store::{OsteotomyId, PlanId, PlanRecord, SessionId, now_rfc3339};
 
 /// Create a plan
 ///
-/// Plans rigid paths of the bone segments; screw motions join the waypoints. With an osteotomy, the answer reports overlaps and
-/// gaps of bone along the paths. A plan for an uploaded tissue mesh has no such report.
+/// Plans rigid paths of the bone segments; screw motions join the waypoints. With an osteotomy, the answer reports how far they
+/// move; read the plan for overlaps and gaps of bone along the paths, which take a second to measure. A plan for an uploaded
+/// tissue mesh has no report.
 #[utoipa::path(post, path = "/v1/sessions/{session}/plans", operation_id = "createPlan", tag = "bone", params(("session" = Uuid, Path)),
     request_body = CreatePlan,
     responses((status = 201, description = "The plan.", body = PlanView, headers(("Location" = String)))))]
@@ -52,13 +53,7 @@ pub(super) async fn make(
             let tissue = parts.require_tissue("name an osteotomy, or PUT a tissue mesh first")?;
             let (label, plan) =
                 request.check(&Segments::of_tissue(&tissue, &parts.bone_keys()).with_landmarks(parts.landmarks()?))?;
-            PlanDocument {
-                label,
-                paths: PlanDocument::paths_of(&plan),
-                reports: Vec::new(),
-                findings: Findings::default(),
-                wall_s: 0.0,
-            }
+            PlanDocument::new(label, &plan)
         }
     };
     let record = PlanRecord {
@@ -88,7 +83,8 @@ pub(in crate::http) async fn list(
 
 /// Read a plan
 ///
-/// Returns its paths and the report on them.
+/// Returns its paths and the report on them. The first reading measures overlaps and gaps of bone; `measured` is false where
+/// bone or settings have changed since the bone was cut.
 #[utoipa::path(get, path = "/v1/sessions/{session}/plans/{plan}", operation_id = "getPlan", tag = "bone",
     params(("session" = Uuid, Path), ("plan" = Uuid, Path)),
     responses((status = 200, description = "The plan.", body = PlanView)))]
@@ -97,7 +93,8 @@ pub(in crate::http) async fn get(
     Ids((session, plan)): Ids<(SessionId, PlanId)>,
 ) -> Result<Json<PlanView>, Problem> {
     let record = find(&state, session, plan).await?;
-    Ok(Json(PlanView::new(&record, content(&record)?)))
+    let content = measured(&state, &record).await?;
+    Ok(Json(PlanView::new(&record, content)))
 }
 
 /// Delete a plan
@@ -124,6 +121,23 @@ pub(super) async fn find(state: &AppState, session: SessionId, id: PlanId) -> Re
         }
         None => Err(Problem::new(FaultKind::NotFound, format!("the session has no plan {id}"))),
     }
+}
+
+/// The content of a plan with overlaps and gaps, which are stored once they are measured.
+///
+/// They stay unmeasured when bone or settings have changed since the bone was cut.
+pub(super) async fn measured(state: &AppState, record: &PlanRecord) -> Result<PlanDocument, Problem> {
+    let content = content(record)?;
+    let (false, Some(osteotomy)) = (content.measured, record.osteotomy) else { return Ok(content) };
+    let parts = SessionParts::load(state.service.store(), record.session).await?;
+    let bone = match current_osteotomy(state, &parts, record.session, osteotomy, "/osteotomy").await {
+        Ok((_, bone)) => bone,
+        Err(Problem(fault)) if matches!(fault.kind, FaultKind::Stale | FaultKind::MissingInput) => return Ok(content),
+        Err(problem) => return Err(problem),
+    };
+    let content = measure_plan(&state.service, &parts, stored_cuts(&bone.cuts)?, content).await?;
+    state.service.store().set_plan(record.session, record.id, &to_json("the plan", &content)?).await?;
+    Ok(content)
 }
 
 pub(super) fn content(record: &PlanRecord) -> Result<PlanDocument, Problem> {

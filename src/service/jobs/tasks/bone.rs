@@ -1,10 +1,11 @@
 use std::time::Instant;
 
 use crate::Service;
-use prosopon_contract::{Cuts, Fault, Halt, OsteotomyDocument, PathReportDocument, PlanDocument, to_json};
+use prosopon_contract::{Cuts, Fault, Halt, OsteotomyDocument, PlanDocument, to_json};
 use prosopon_geometry::Warning;
+use prosopon_geometry::control::Control;
 use prosopon_planning::plan::{Cut, Plan, Proposal};
-use prosopon_session::{SessionParts, load_mesh};
+use prosopon_session::{Case, Engine, SessionParts, load_mesh};
 use prosopon_store::{OsteotomyId, OsteotomyRecord, PartKind, SessionId, encode_mesh, now_rfc3339};
 
 /// Cuts the bone of a session and stores the segments' surfaces; the caller inserts the returned row.
@@ -78,7 +79,7 @@ pub async fn propose_landmarks(service: &Service, parts: &SessionParts) -> Resul
     service.compute(move |engine, _| Ok::<_, Halt>(engine.propose(&skin, &skull))).await
 }
 
-/// Follows the paths of a plan through the cut bone; returns the plan's document with its reports.
+/// A plan with the displacements along its paths.
 ///
 /// # Errors
 /// The numerics' for unusable paths, or the store's.
@@ -93,12 +94,39 @@ pub async fn make_plan(
     let started = Instant::now();
     service
         .compute(move |engine, control| {
-            let reports = engine.follow(&case, &cuts, &plan, control)?;
-            let findings = reports.iter().flat_map(|report| report.warnings.clone()).collect();
-            let reports = reports.iter().map(PathReportDocument::from).collect();
-            let wall_s = started.elapsed().as_secs_f64();
-            Ok::<_, Halt>(PlanDocument { label, paths: PlanDocument::paths_of(&plan), reports, findings, wall_s })
+            let reports = engine.outline(&case, &cuts, &plan, control)?;
+            Ok::<_, Halt>(PlanDocument::new(label, &plan).reported(&reports, started.elapsed().as_secs_f64()))
         })
         .await
         .map_err(|fault| fault.with_cuts_at("/osteotomy"))
+}
+
+/// The same plan with overlaps and gaps of bone along its paths.
+///
+/// # Errors
+/// The numerics', or the store's.
+pub async fn measure_plan(
+    service: &Service,
+    parts: &SessionParts,
+    cuts: Vec<Cut>,
+    plan: PlanDocument,
+) -> Result<PlanDocument, Fault> {
+    let case = parts.case(&service.store).await?;
+    service
+        .compute(move |engine, control| measured(engine, &case, &cuts, plan, control))
+        .await
+        .map_err(|fault| fault.with_cuts_at("/osteotomy"))
+}
+
+/// As [`measure_plan`], on the thread of the caller.
+pub(crate) fn measured(
+    engine: &dyn Engine,
+    case: &Case,
+    cuts: &[Cut],
+    plan: PlanDocument,
+    control: &Control,
+) -> Result<PlanDocument, Halt> {
+    let started = Instant::now();
+    let reports = engine.follow(case, cuts, &plan.plan()?, control)?;
+    Ok(PlanDocument { measured: true, ..plan.reported(&reports, started.elapsed().as_secs_f64()) })
 }

@@ -13,7 +13,8 @@ mod volume;
 
 pub use baselines::BoneBelow;
 pub(super) use baselines::{Mapped, baselines, follow_bone};
-pub use bone::{cut_bone, make_plan, place_cuts, propose_landmarks};
+pub(crate) use bone::measured;
+pub use bone::{cut_bone, make_plan, measure_plan, place_cuts, propose_landmarks};
 pub use compare::{Compared, Comparison, Prediction, compare};
 pub(super) use named_surface::load_surface;
 pub use named_surface::{NamedSurface, face_of, named_surface};

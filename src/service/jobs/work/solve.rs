@@ -12,6 +12,7 @@ use super::steps::{checkpoint, write_steps};
 use super::{Context, Done, changed_meanwhile, scene};
 use crate::requests::{MeshChoice, SolveKind, SolveTask};
 use crate::running::Phase;
+use crate::tasks::measured;
 use prosopon_contract::{
     BudgetDocument, Halt, MeshDocument, MeshRequest, MouthDocument, PresetName, TissueLawsDocument, WarningDocument,
     stored_cuts, to_json,
@@ -63,6 +64,7 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     let compared = compared_with(&parts);
     let before = checkpoint(context, &compared).await?;
     let (cuts, plan) = (stored_cuts(&request.cuts)?, request.plan.plan()?);
+    let unmeasured = (!request.plan.measured).then(|| (case.clone(), cuts.clone(), request.plan.clone()));
     let goes_on = before.as_ref().map(|before| before.checkpoint.clone());
     let run = Run { case, cuts, tissue, plan, settings, after, checkpoint: goes_on };
     let (run, rest) = context
@@ -86,6 +88,15 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     written?;
     let solved = solved.map_err(|halt| context.cuts_of(Some(request.osteotomy_id), "/plan", halt))?;
 
+    // After the path, so that no skin waits for it.
+    let request = match unmeasured {
+        Some((case, cuts, plan)) => {
+            let measuring = context
+                .compute(move |engine, control| measured(engine, &case, &cuts, plan, &control.without_progress()));
+            SolveTask { plan: measuring.await?, ..request }
+        }
+        None => request,
+    };
     context.running.set_phase(Phase::Writing);
     let steps = context.all_steps().await?;
     let tissue = match solved.tissue {

@@ -155,6 +155,10 @@ async fn many_sessions_are_looked_into_at_once(store: Store) {
     let (own, others) = (plan(full), plan(other));
     store.insert_plan(&own, None).await.unwrap();
     store.insert_plan(&others, None).await.unwrap();
+    let own = PlanRecord { document: r#"{"measured": true}"#.to_owned(), ..own };
+    store.set_plan(full, own.id, &own.document).await.unwrap();
+    // A plan of another session, or of none, stays as it is.
+    store.set_plan(full, others.id, "lost").await.unwrap();
     let first = accept(&store, full, "1").await;
     let running = claim(&store).await.unwrap();
     for k in [2, 1] {

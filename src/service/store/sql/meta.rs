@@ -115,6 +115,10 @@ impl MetaStore for Meta {
         plans::plans(self.reader(), session).await
     }
 
+    async fn set_plan(&self, session: SessionId, id: PlanId, document: &str) -> Result<()> {
+        plans::set_plan(self.writer(), session, id, document).await
+    }
+
     async fn delete_plan(&self, session: SessionId, id: PlanId) -> Result<bool> {
         plans::delete_plan(self.writer(), session, id).await
     }

@@ -115,6 +115,16 @@ pub(super) async fn plans(reader: &Pool, session: SessionId) -> Result<Vec<PlanR
     rows.bind(session.to_string()).fetch_all(reader).await?.into_iter().map(plan).collect()
 }
 
+pub(super) async fn set_plan(writer: &Pool, session: SessionId, id: PlanId, document: &str) -> Result<()> {
+    sqlx::query("UPDATE plans SET document = $3 WHERE session = $1 AND id = $2")
+        .bind(session.to_string())
+        .bind(id.to_string())
+        .bind(document)
+        .execute(writer)
+        .await?;
+    Ok(())
+}
+
 pub(super) async fn delete_plan(writer: &Pool, session: SessionId, id: PlanId) -> Result<bool> {
     let mut transaction = writer.begin().await?;
     sqlx::query(

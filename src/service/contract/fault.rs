@@ -188,6 +188,16 @@ impl Fault {
         self
     }
 
+    /// Puts `pointer` before all pointers: the values are those of a part of the request.
+    #[must_use]
+    pub fn below(self, pointer: &str) -> Self {
+        let named = Self::invalid(self.errors.clone()).detail == self.detail;
+        let errors: Vec<FieldFault> =
+            self.errors.iter().map(|e| FieldFault::new(format!("{pointer}{}", e.pointer), e.detail.clone())).collect();
+        let detail = if named { Self::invalid(errors.clone()).detail } else { self.detail };
+        Self { errors, detail, ..self }
+    }
+
     /// Replaces pointers to `/cuts` and below by `pointer`.
     ///
     /// For requests that take their cuts from elsewhere.

@@ -335,6 +335,8 @@ async fn a_solve_can_bring_its_plan_and_replace_what_waits() {
     let refused =
         app.post(&path, json!({"plan": {"osteotomy": osteotomy, "paths": [{"segment": 7, "waypoints": []}]}})).await;
     assert!(pointers(&refused).iter().all(|p| p.starts_with("/plan/paths/0/")), "{refused:?}");
+    let nowhere = app.post(&path, json!({"plan": {"osteotomy": osteotomy, "paths": []}})).await;
+    assert!(nowhere.json()["detail"].as_str().unwrap().starts_with("/plan/paths"), "{nowhere:?}");
     assert_eq!(pointers(&app.post(&path, json!({"plan": {"pathes": []}})).await), ["/plan/pathes", "/plan"]);
     assert_eq!(pointers(&app.post(&path, json!({"plan": "x"})).await), ["/plan"]);
     assert_eq!(pointers(&app.post(&path, json!({"plan": moved(-1.0), "supersede": "all"})).await), ["/supersede"]);
@@ -359,5 +361,9 @@ async fn a_solve_can_bring_its_plan_and_replace_what_waits() {
     app.stand_in.release();
     assert_eq!(app.ended(&waiting[1]).await.ok()["status"], "succeeded");
     assert_eq!(app.ended(&running).await.ok()["status"], "succeeded");
+    assert_eq!(plans().await, 4);
+    // A plan that the session has is not stored again.
+    let again = app.post(&path, json!({"plan": moved(-3.0), "steps": 2})).await;
+    assert_eq!(again.json()["plan"], app.get(&waiting[1]).await.ok()["plan"]);
     assert_eq!(plans().await, 4);
 }

@@ -19,8 +19,8 @@ use crate::http::dto::{JobList, JobView, statuses};
 use crate::http::extract::{Answering, CreateBody, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{
-    CutDocument, Fault, FaultKind, OsteotomyDocument, PlanChoice, SessionSettings, SolveRequest, SupersedeChoice,
-    TissueDocument, from_json, short_number,
+    CutDocument, Fault, FaultKind, OsteotomyDocument, PlanChoice, PlanDocument, SessionSettings, SolveRequest,
+    SupersedeChoice, TissueDocument, from_json, short_number,
 };
 use prosopon_jobs::{Given, Order, SceneTask, SolveTask};
 use prosopon_planning::simulate::{HEAD_LOCKING, READY_MESH_LOCKING};
@@ -148,7 +148,7 @@ pub(in crate::http) async fn create(
 /// The plan of a solve.
 struct ChosenPlan {
     record: PlanRecord,
-    /// Whether the request brought the plan; then it is stored with the job.
+    /// Whether the request brought the plan and the session has no equal one; then it is stored with the job.
     is_new: bool,
 }
 
@@ -161,10 +161,14 @@ impl ChosenPlan {
             }
             PlanChoice::New(request) => {
                 let made = plans::make(state, parts, session, *request).await;
-                let (record, _) = made.map_err(|Problem(mut fault)| {
-                    fault.errors.iter_mut().for_each(|error| error.pointer.insert_str(0, "/plan"));
-                    Problem(fault)
-                })?;
+                let (record, made) = made.map_err(|Problem(fault)| Problem(fault.below("/plan")))?;
+                let known = state.service.store().plans(session).await?;
+                let is_made = |plan: &PlanDocument| plan.paths == made.paths && plan.label == made.label;
+                for stored in known.into_iter().filter(|stored| stored.osteotomy == record.osteotomy) {
+                    if is_made(&plans::content(&stored)?) {
+                        return Ok(Self { record: stored, is_new: false });
+                    }
+                }
                 Ok(Self { record, is_new: true })
             }
         }

@@ -8,7 +8,7 @@ use figment::error::Kind;
 use serde::{Deserialize, Serialize};
 
 use super::source::Source;
-use super::{ConfigError, ConnectionLimits, ServeConfig, TlsFiles, Value, parse_listen};
+use super::{ConfigError, ConfigSource, ConnectionLimits, ServeConfig, TlsFiles, Value, parse_listen};
 use crate::http::HttpLimits;
 use crate::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes};
 use prosopon_jobs::ServiceSettings;
@@ -81,6 +81,7 @@ pub(super) fn read(
     config.log_level = s.take("log.level", config.log_level);
     config.log_format = s.take("log.format", config.log_format);
     config.otlp_endpoint = s.take_optional("otlp.endpoint");
+    config.source = file.map(|file| ConfigSource { file: file.to_owned(), flags: flags.clone() });
     s.finish();
     let mut faults = std::mem::take(&mut source.faults);
     faults.extend(config.faults());

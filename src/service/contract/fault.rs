@@ -101,8 +101,6 @@ kinds! {
     TenantQueueFull = "tenant-queue-full",
     /// The session would exceed its quota.
     QuotaFull = "quota-full",
-    /// Too many requests with expensive checks are running.
-    Busy = "busy",
     /// The request has no valid credentials.
     Unauthenticated = "unauthenticated",
     /// The sender may not do this.

@@ -14,7 +14,7 @@ pub(super) const PROBLEM_JSON: &str = "application/problem+json";
 /// Temporary problems, and the `Retry-After` of each, s.
 const RETRY_AFTER: &[(&[FaultKind], &str)] = &[
     (&[FaultKind::QueueFull, FaultKind::TenantQueueFull, FaultKind::QuotaFull, FaultKind::StoreUnavailable], "10"),
-    (&[FaultKind::ShuttingDown, FaultKind::NotReady, FaultKind::Busy], "2"),
+    (&[FaultKind::ShuttingDown, FaultKind::NotReady], "2"),
 ];
 
 /// A value of the request that is not allowed.
@@ -155,7 +155,6 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
         K::QueueFull => (S::SERVICE_UNAVAILABLE, "Too many jobs are waiting"),
         K::TenantQueueFull => (S::TOO_MANY_REQUESTS, "Too many of your jobs are waiting"),
         K::QuotaFull => (S::TOO_MANY_REQUESTS, "The session's storage quota is full"),
-        K::Busy => (S::TOO_MANY_REQUESTS, "Too many such requests at once"),
         K::Unauthenticated => (S::UNAUTHORIZED, "The sender is not authenticated"),
         K::Forbidden => (S::FORBIDDEN, "The sender lacks a permission"),
         K::ShuttingDown => (S::SERVICE_UNAVAILABLE, "The service is stopping"),

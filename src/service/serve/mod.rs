@@ -4,7 +4,9 @@
 //! because an `async fn` and everything it awaits would be compiled again in every package that calls it.
 
 mod connection_limits;
+mod keys;
 mod tls;
+mod watch;
 
 use std::future::Future;
 use std::net::{IpAddr, SocketAddr};
@@ -131,6 +133,9 @@ async fn started(config: ServeConfig, engine: Arc<dyn Engine>) -> Result<Running
     }
     note_address(&config.data, scheme, address).await.map_err(|e| store_error(e.into()))?;
     let service = Arc::clone(&state.service);
+    if let (Access::Tokens(authenticator), Some(source)) = (&state.access, config.source.clone()) {
+        tokio::spawn(keys::renew(Arc::clone(authenticator), source, service.stopping().clone()));
+    }
     let routes = if config.api { app(state) } else { worker_app(state) };
     let (routes, handle, limits) = (routes.into_make_service(), Handle::new(), config.connections);
     let mut server = axum_server::from_tcp(listener).map_err(listen_error)?.handle(handle.clone());
@@ -184,7 +189,7 @@ pub fn state(
 async fn state_over(config: &ServeConfig, store: Store, engine: Arc<dyn Engine>) -> Result<AppState, ServeError> {
     let cpu = CpuPool::new(config.threads, config.service.parallel_jobs)?;
     let access = match &config.auth {
-        Some(auth) => Access::Tokens(Authenticator::new(auth.clone(), cpu.clone())?),
+        Some(auth) => Access::Tokens(Authenticator::new(auth.clone())?),
         None => Access::Open,
     };
     let audit = Audit::open(&config.data).map_err(ServeError::Audit)?;

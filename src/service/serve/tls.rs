@@ -1,13 +1,8 @@
-use std::path::Path;
-use std::time::{Duration, SystemTime};
-
 use axum_server::tls_rustls::RustlsConfig;
 use tokio_util::sync::CancellationToken;
 
+use super::watch::Watch;
 use crate::config::TlsFiles;
-
-/// Time between two checks whether the files have changed.
-const LOOK_EVERY: Duration = Duration::from_secs(5);
 
 /// Reads certificate and key.
 pub(super) async fn load(files: &TlsFiles) -> std::io::Result<RustlsConfig> {
@@ -20,28 +15,15 @@ pub(super) async fn load(files: &TlsFiles) -> std::io::Result<RustlsConfig> {
 ///
 /// Files that cannot be read change nothing.
 pub(super) async fn renew(config: RustlsConfig, files: TlsFiles, stop: CancellationToken) {
-    let mut seen = changed(&files);
-    loop {
-        tokio::select! {
-            () = tokio::time::sleep(LOOK_EVERY) => {}
-            () = stop.cancelled() => return,
-        }
-        let now = changed(&files);
-        if now == seen {
-            continue;
-        }
+    let mut watch = Watch::new(vec![files.cert.clone(), files.key.clone()]);
+    while watch.changed(&stop).await {
         match config.reload_from_pem_file(&files.cert, &files.key).await {
             Ok(()) => {
-                seen = now;
+                watch.was_read();
                 tracing::info!("the certificate was read again");
             }
             // Possibly only one of the two files has been replaced yet.
             Err(error) => tracing::error!(%error, "the certificate cannot be read; the old one stays in use"),
         }
     }
-}
-
-fn changed(files: &TlsFiles) -> [Option<SystemTime>; 2] {
-    let at = |file: &Path| std::fs::metadata(file).and_then(|m| m.modified()).ok();
-    [at(&files.cert), at(&files.key)]
 }

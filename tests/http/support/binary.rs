@@ -117,6 +117,11 @@ impl Server {
         Reply::of(self.agent.get(format!("{}{path}", self.url)).call().unwrap())
     }
 
+    pub(crate) fn get_as(&self, token: &str, path: &str) -> Reply {
+        let request = self.agent.get(format!("{}{path}", self.url)).header("authorization", format!("Bearer {token}"));
+        Reply::of(request.call().unwrap())
+    }
+
     pub(crate) fn post(&self, path: &str, body: &Value) -> Reply {
         Reply::of(self.agent.post(format!("{}{path}", self.url)).send_json(body).unwrap())
     }

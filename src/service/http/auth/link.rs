@@ -6,7 +6,6 @@
 
 use std::sync::Arc;
 
-use argon2::password_hash::rand_core::{OsRng, RngCore};
 use axum::http::Uri;
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
@@ -14,6 +13,7 @@ use ring::hmac;
 use time::OffsetDateTime;
 use tokio::sync::OnceCell;
 
+use super::random::random_word;
 use prosopon_contract::{Fault, FaultKind};
 use prosopon_store::Store;
 
@@ -86,9 +86,8 @@ impl Links {
 
     async fn key(&self, store: &Store) -> Result<&hmac::Key, Fault> {
         let made = self.key.get_or_try_init(|| async {
-            let mut fresh = [0; 32];
-            OsRng.fill_bytes(&mut fresh);
-            let secret = store.link_key(&URL_SAFE_NO_PAD.encode(fresh)).await?;
+            let fresh = random_word().map_err(|error| Fault::new(FaultKind::Internal, error.to_string()))?;
+            let secret = store.link_key(&fresh).await?;
             Ok::<_, Fault>(hmac::Key::new(hmac::HMAC_SHA256, secret.as_bytes()))
         });
         made.await

@@ -4,6 +4,7 @@ mod api_key;
 mod authenticator;
 mod link;
 mod principal;
+mod random;
 mod ring_verifier;
 mod token;
 

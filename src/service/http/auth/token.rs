@@ -75,6 +75,10 @@ impl Tokens {
         if !ALGORITHMS.contains(&header.alg) {
             return Err(format!("algorithm {:?}", header.alg));
         }
+        // RFC 7515, 4.1.11: extensions that must be understood, of which this service knows none.
+        if let Some(extensions) = header.crit {
+            return Err(format!("critical extensions {extensions:?}"));
+        }
         let jwk = self.key(header.kid.as_deref())?;
         let key = DecodingKey::from_jwk(&jwk).map_err(|e| e.to_string())?;
         let mut validation = Validation::new(header.alg);

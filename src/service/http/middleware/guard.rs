@@ -148,7 +148,7 @@ async fn admit(state: &AppState, method: &Method, route: &str, headers: &HeaderM
         return Ok(Principal { scopes: std::iter::empty().collect(), ..Principal::local() });
     }
     let authorization = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
-    let principal = authenticator.check(authorization).await?;
+    let principal = authenticator.check(authorization)?;
     match needed(method, route) {
         Some(scope) if !principal.scopes.allow(scope) => {
             let detail = format!("the token lacks the scope `{}`; use a token with that scope", scope.as_str());

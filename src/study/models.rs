@@ -45,7 +45,7 @@ pub struct ModelStudy<'a> {
     pub edges_mm: &'a [f64],
     /// Edge length of the reference mesh, mm; must be smaller than all others.
     pub reference_mm: f64,
-    /// Names and times, s, of lines in the chart.
+    /// Names and times, s, of lines in the chart; a name `SCENE: NAME` is drawn for that scene only.
     pub lines: &'a [(String, f64)],
 }
 
@@ -81,7 +81,7 @@ impl ModelStudy<'_> {
             text += &lines;
             write(self.csv, text.as_bytes())?;
             write!(out, "\n{}:\n{}", source.name(), table(&rows))?;
-            panels.push(panel(source, &rows));
+            panels.push(Panel { lines: self.lines_of(&source.name()), ..panel(source, &rows) });
         }
         let svg = self.csv.with_extension("svg");
         write(&svg, self.chart(&panels)?.as_bytes())?;
@@ -118,6 +118,15 @@ impl ModelStudy<'_> {
         Ok((rows, text))
     }
 
+    /// The lines of a scene, without its name.
+    fn lines_of(&self, scene: &str) -> Vec<(String, f64)> {
+        let of_scene = |(name, seconds): &(String, f64)| match name.split_once(": ") {
+            Some((own, name)) => (own == scene).then(|| (name.to_owned(), *seconds)),
+            None => Some((name.clone(), *seconds)),
+        };
+        self.lines.iter().filter_map(of_scene).collect()
+    }
+
     fn chart(&self, panels: &[Panel]) -> Result<String, BenchError> {
         let title = format!(
             "Le Fort I, 6 steps: time against numerical error (reference: mixed, patched, {} mm; labels: edge, mm)",
@@ -125,7 +134,7 @@ impl ModelStudy<'_> {
         );
         let x = "error, mm: P95 over the moving face";
         let labels = Labels { title: &title, x, y: "processor time of the path, s" };
-        pareto_chart::draw(&labels, panels, self.lines)
+        pareto_chart::draw(&labels, panels)
     }
 }
 
@@ -230,7 +239,7 @@ fn panel(source: &HeadSource, rows: &[Row]) -> Panel {
             None => stars.push((point, word)),
         }
     }
-    Panel { title: source.name(), curves: VARIANTS.iter().map(curve).collect(), stars }
+    Panel { title: source.name(), curves: VARIANTS.iter().map(curve).collect(), stars, lines: Vec::new() }
 }
 
 fn variant_name(model: Model, locking: Locking) -> String {

@@ -20,6 +20,8 @@ pub(super) struct Panel {
     pub(super) curves: Vec<Curve>,
     /// Choices of `auto` with their labels.
     pub(super) stars: Vec<((f64, f64), String)>,
+    /// Names and times, s, of other programs.
+    pub(super) lines: Vec<(String, f64)>,
 }
 
 impl Panel {
@@ -33,17 +35,18 @@ impl Panel {
     }
 }
 
-/// Draws the panels over common logarithmic axes; `lines` are names with times, s.
-pub(super) fn draw(labels: &Labels, panels: &[Panel], lines: &[(String, f64)]) -> Result<String, BenchError> {
+/// Draws the panels over common logarithmic axes.
+pub(super) fn draw(labels: &Labels, panels: &[Panel]) -> Result<String, BenchError> {
     let mut svg = String::new();
-    drawn(&mut svg, labels, panels, lines).map_err(|detail| BenchError::Chart { detail })?;
+    drawn(&mut svg, labels, panels).map_err(|detail| BenchError::Chart { detail })?;
     Ok(svg)
 }
 
-fn drawn(svg: &mut String, labels: &Labels, panels: &[Panel], lines: &[(String, f64)]) -> Result<(), String> {
+fn drawn(svg: &mut String, labels: &Labels, panels: &[Panel]) -> Result<(), String> {
     let points = || panels.iter().flat_map(|p| p.curves.iter()).flat_map(|c| c.points.iter());
     let x = span(points().map(|p| p.0)).ok_or("nothing to draw")?;
-    let y = span(points().map(|p| p.1).chain(lines.iter().map(|l| l.1))).ok_or("nothing to draw")?;
+    let y = span(points().map(|p| p.1).chain(panels.iter().flat_map(|p| &p.lines).map(|l| l.1)))
+        .ok_or("nothing to draw")?;
     let size = (WIDTH * panels.len() as u32 + LEGEND, HEIGHT);
     let root = SVGBackend::with_string(svg, size).into_drawing_area();
     root.fill(&WHITE).map_err(|e| e.to_string())?;
@@ -75,7 +78,7 @@ fn drawn(svg: &mut String, labels: &Labels, panels: &[Panel], lines: &[(String, 
             .map_err(|e| e.to_string())?;
         let front = LineSeries::new(panel.front(), FRONT.stroke_width(9));
         chart.draw_series(front).map_err(|e| e.to_string())?;
-        for (name, seconds) in lines {
+        for (name, seconds) in &panel.lines {
             let line = DashedLineSeries::new([(x.0, *seconds), (x.1, *seconds)], 6, 5, BLACK.stroke_width(1));
             chart.draw_series(line).map_err(|e| e.to_string())?;
             let word = EmptyElement::at((x.0, *seconds)) + Text::new(name.clone(), (6, -16), ("sans-serif", 13));
@@ -94,7 +97,10 @@ fn drawn(svg: &mut String, labels: &Labels, panels: &[Panel], lines: &[(String, 
         }
         let stars = panel.stars.iter().map(|(point, mark)| {
             let style = ("sans-serif", 14).into_font().color(&STAR);
-            EmptyElement::at(*point) + Polygon::new(star(), STAR.filled()) + Text::new(mark.clone(), (-16, 14), style)
+            // A light ground keeps the word readable over curves and their marks.
+            let ground = Rectangle::new([(-20, 12), (7 * mark.len() as i32 - 12, 30)], WHITE.mix(0.85).filled());
+            let word = Text::new(mark.clone(), (-16, 14), style);
+            EmptyElement::at(*point) + ground + Polygon::new(star(), STAR.filled()) + word
         });
         chart.draw_series(stars).map_err(|e| e.to_string())?;
     }
@@ -135,14 +141,19 @@ mod tests {
         };
         let curves =
             vec![curve("plain", vec![(0.5, 2.0), (0.3, 9.0)]), curve("patched", vec![(0.4, 5.0), (0.35, 12.0)])];
-        let panel = Panel { title: "phantom".to_owned(), curves, stars: vec![((0.4, 5.0), "0.3".to_owned())] };
+        let panel = Panel {
+            title: "phantom".to_owned(),
+            curves,
+            stars: vec![((0.4, 5.0), "0.3".to_owned())],
+            lines: vec![("paper".to_owned(), 1230.0)],
+        };
         assert_eq!(panel.front(), [(0.5, 2.0), (0.4, 5.0), (0.3, 9.0)]);
         let labels = Labels { title: "title", x: "across", y: "up" };
-        let svg = draw(&labels, &[panel], &[("paper".to_owned(), 1230.0)]).unwrap();
+        let svg = draw(&labels, &[panel]).unwrap();
         for text in ["title", "phantom", "across", "up", "plain", "patched", "paper", "0.3", "polygon", "Pareto front"]
         {
             assert!(svg.contains(text), "{text}");
         }
-        assert!(matches!(draw(&labels, &[], &[]), Err(BenchError::Chart { .. })));
+        assert!(matches!(draw(&labels, &[]), Err(BenchError::Chart { .. })));
     }
 }

@@ -101,20 +101,43 @@ async fn a_valid_request_id_of_the_client_is_kept() {
     assert_ne!(harmful.header("x-request-id"), "a b\"c");
 }
 
+/// Sends bytes on a connection of their own; returns the answer until the connection ends.
+fn answer_to(server: &Server, request: &[u8]) -> String {
+    let mut socket = TcpStream::connect(server.address()).unwrap();
+    socket.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    socket.write_all(request).ok();
+    let mut answer = Vec::new();
+    socket.read_to_end(&mut answer).ok();
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+#[test]
+fn a_request_has_one_host_and_a_refused_upload_ends_its_connection() {
+    let directory = tempfile::tempdir().unwrap();
+    let server = Server::spawn(serve(directory.path(), "127.0.0.1:0"));
+    let get =
+        |hosts: &str| answer_to(&server, format!("GET /livez HTTP/1.1\r\n{hosts}Connection: close\r\n\r\n").as_bytes());
+    assert!(get("Host: localhost\r\n").starts_with("HTTP/1.1 200"));
+    for hosts in ["", "Host: localhost\r\nHost: localhost\r\n"] {
+        assert!(get(hosts).starts_with("HTTP/1.1 400"), "{hosts}");
+    }
+    assert!(answer_to(&server, b"GET /livez HTTP/1.0\r\n\r\n").starts_with("HTTP/1.0 200"));
+    let trace = answer_to(&server, b"TRACE /v1/sessions HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+    assert!(trace.starts_with("HTTP/1.1 405"), "{trace}");
+    let unknown = uuid::Uuid::nil();
+    let upload =
+        format!("PUT /v1/sessions/{unknown}/skin HTTP/1.1\r\nHost: localhost\r\nContent-Length: 90000000\r\n\r\nsolid");
+    let refused = answer_to(&server, upload.as_bytes());
+    assert!(refused.starts_with("HTTP/1.1 404") && refused.contains("\r\nconnection: close\r\n"), "{refused}");
+}
+
 #[test]
 fn slow_and_huge_heads_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let mut command = serve(directory.path(), "127.0.0.1:0");
     command.env("PROSOPON_HEADER_TIMEOUT_S", "1");
     let server = Server::spawn(command);
-    let answer_to = |request: &[u8]| {
-        let mut socket = TcpStream::connect(server.address()).unwrap();
-        socket.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-        socket.write_all(request).ok();
-        let mut answer = Vec::new();
-        socket.read_to_end(&mut answer).ok();
-        String::from_utf8_lossy(&answer).lines().next().unwrap_or_default().to_owned()
-    };
+    let answer_to = |request: &[u8]| answer_to(&server, request).lines().next().unwrap_or_default().to_owned();
     let begun = Instant::now();
     let slow = answer_to(b"GET /livez HTTP/1.1\r\nHost: localh");
     assert!(slow.is_empty() || slow.contains("408"), "{slow}");

@@ -2,7 +2,7 @@ use std::net::IpAddr;
 
 use axum::extract::{Request, State};
 use axum::http::uri::Authority;
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Version, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
@@ -27,13 +27,17 @@ pub(in crate::http) async fn check_host(State(state): State<AppState>, request: 
 
 fn refusal(state: &AppState, request: &Request) -> Option<Problem> {
     let (allowed, has_tokens) = (&state.allowed_hosts, matches!(state.access, Access::Tokens(_)));
+    // RFC 9112, 3.2. HTTP/2 has the host in the URI, and HTTP/1.0 needs none.
+    let hosts = request.headers().get_all(header::HOST).iter().count();
+    if hosts > 1 || (hosts == 0 && request.version() == Version::HTTP_11) {
+        return Some(Problem::new(
+            FaultKind::MalformedRequest,
+            format!("the request has {hosts} Host headers, not one"),
+        ));
+    }
     if has_tokens && allowed.is_empty() {
         return None;
     }
-    if request.headers().get_all(header::HOST).iter().count() > 1 {
-        return Some(Problem::new(FaultKind::MalformedRequest, "the request has more than one Host header"));
-    }
-    // In-process calls have no host.
     let host = request.headers().get(header::HOST).map(|h| h.to_str().unwrap_or_default());
     let host = host.or_else(|| request.uri().authority().map(Authority::as_str));
     if host.is_some_and(|host| !is_allowed(host, allowed)) {

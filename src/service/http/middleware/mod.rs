@@ -6,6 +6,7 @@ mod guard;
 mod hosts;
 mod keep_room;
 mod parameters;
+mod refused_upload;
 mod request_span;
 mod security;
 
@@ -15,5 +16,6 @@ pub(super) use guard::{Audited, guard, is_public};
 pub(super) use hosts::check_host;
 pub(super) use keep_room::keep_room;
 pub(super) use parameters::{KnownParameters, known_parameters_only};
+pub(super) use refused_upload::close_refused_upload;
 pub(super) use request_span::{request_id, request_span};
 pub(super) use security::{cors, security_headers};

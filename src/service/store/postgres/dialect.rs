@@ -16,6 +16,8 @@ pub(super) const SNAPSHOT: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ, READ O
 pub(super) const LISTED: &str = "(SELECT json_array_elements_text($1::json))";
 /// A number larger than that of every earlier turn.
 pub(super) const NEXT_TURN: &str = "nextval('turn')";
+/// The log of the server is its operator's.
+pub(super) const FORGET: Option<&str> = None;
 /// The current time, ms since 1970.
 pub(super) const NOW_MS: &str = "CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT)";
 

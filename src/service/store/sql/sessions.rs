@@ -3,7 +3,7 @@ use std::collections::BTreeSet;
 use sqlx::AssertSqlSafe;
 
 use super::answers::remember;
-use super::dialect::{FOR_CHANGE, FOR_REMOVAL, SNAPSHOT};
+use super::dialect::{FOR_CHANGE, FOR_REMOVAL, FORGET, SNAPSHOT};
 use super::{Connection, Pool, Result, Transaction};
 use crate::job::check_quota;
 use crate::records::{from_json, now_rfc3339, parse_id, to_u64};
@@ -80,6 +80,11 @@ pub(super) async fn delete(writer: &Pool, id: SessionId) -> Result<Option<Vec<St
     .await?;
     sqlx::query("DELETE FROM sessions WHERE id = $1").bind(id.to_string()).execute(&mut *transaction).await?;
     transaction.commit().await?;
+    if let Some(forget) = FORGET
+        && let Err(error) = sqlx::raw_sql(forget).execute(writer).await
+    {
+        tracing::warn!(%error, "the write-ahead log keeps values of a deleted session for now");
+    }
     Ok(Some(elsewhere))
 }
 

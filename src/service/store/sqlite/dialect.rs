@@ -16,6 +16,8 @@ pub(super) const SNAPSHOT: &str = "BEGIN";
 pub(super) const LISTED: &str = "(SELECT value FROM json_each($1))";
 /// A number larger than that of every earlier turn.
 pub(super) const NEXT_TURN: &str = "(SELECT coalesce(max(last), 0) + 1 FROM turns)";
+/// Empties the write-ahead log, which still holds the values of deleted rows.
+pub(super) const FORGET: Option<&str> = Some("PRAGMA wal_checkpoint(TRUNCATE)");
 /// The current time, ms since 1970.
 pub(super) const NOW_MS: &str = "CAST(unixepoch('subsec') * 1000 AS INTEGER)";
 

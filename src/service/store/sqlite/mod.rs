@@ -131,6 +131,22 @@ mod tests {
     use crate::conformance::session;
 
     #[tokio::test]
+    async fn the_files_forget_a_deleted_session() {
+        let directory = tempfile::tempdir().unwrap();
+        let meta = SqliteMeta::open(directory.path()).await.unwrap();
+        let forgotten = crate::SessionRecord { label: Some("confidential".to_owned()), ..session("a") };
+        let holds_label = || {
+            let paths = std::fs::read_dir(directory.path()).unwrap().map(|entry| entry.unwrap().path());
+            let mut files = paths.map(|path| std::fs::read(path).unwrap());
+            files.any(|bytes| bytes.windows(12).any(|word| word == b"confidential"))
+        };
+        meta.insert_session(&forgotten, None).await.unwrap();
+        assert!(holds_label());
+        meta.delete_session(forgotten.id).await.unwrap();
+        assert!(!holds_label());
+    }
+
+    #[tokio::test]
     async fn a_connection_that_met_a_full_disk_is_not_used_again() {
         let directory = tempfile::tempdir().unwrap();
         let meta = SqliteMeta::open(directory.path()).await.unwrap();

@@ -1,6 +1,6 @@
-use super::random::random_word;
+use super::random::{NoRandomNumbers, random_word};
 
-use super::{AuthError, Scopes};
+use super::Scopes;
 use prosopon_store::{TenantId, sha256_hex};
 
 /// Begin of the hash of a key.
@@ -66,7 +66,7 @@ pub struct NewKey {
 ///
 /// # Errors
 /// Fails if the system gives no random numbers.
-pub fn new_key(id: &str) -> Result<NewKey, AuthError> {
+pub fn new_key(id: &str) -> Result<NewKey, NoRandomNumbers> {
     let token = format!("{id}.{}", random_word()?);
     let hash = hash_of(&token);
     Ok(NewKey { token, hash })

@@ -13,6 +13,7 @@ pub use authenticator::{AuthError, AuthSettings, Authenticator};
 pub(super) use link::CheckedLink;
 pub use link::Links;
 pub use principal::{Principal, Scope, Scopes};
+pub use random::NoRandomNumbers;
 pub use token::JwtSettings;
 
 /// Whether requests need a bearer token.

@@ -260,6 +260,7 @@ async fn a_token_must_be_signed_fresh_and_for_this_service() {
 
 /// The keys of a configuration file can be changed while the service runs; faults in the file change nothing.
 #[test]
+#[allow(clippy::disallowed_methods, reason = "the service tells nobody that it has read a file")]
 fn a_key_is_revoked_without_a_restart() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("prosopon.toml");

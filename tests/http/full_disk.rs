@@ -189,6 +189,7 @@ async fn a_full_disk_can_be_emptied() {
     app.stand_in.hold_after(1);
     let job = app.solve(&session, &plan, json!({"steps": 3})).await;
     app.until_step(&job, 1).await;
+    let unwanted = app.solve(&session, &plan, json!({"steps": 2})).await;
     app.keep_free(u64::MAX);
     let mut app = app.restart().await;
     app.get("/readyz").await.problem(507, "storage-full");
@@ -197,6 +198,8 @@ async fn a_full_disk_can_be_emptied() {
     app.upload(&format!("{session}/skin"), skin()).await.problem(507, "storage-full");
     app.post(&format!("{session}/jobs"), json!({"plan": plan})).await.problem(507, "storage-full");
     assert_eq!(app.get(&format!("{job}?wait_s=1")).await.ok()["status"], "accepted");
+    let cancelled = app.post(&format!("{unwanted}/cancel"), json!({})).await;
+    assert!(cancelled.status.is_success(), "{cancelled:?}");
     assert_eq!(app.delete(&format!("{other}?at_once=true")).await.status, StatusCode::NO_CONTENT);
     app.get(&other).await.problem(410, "gone");
 

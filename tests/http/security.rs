@@ -291,6 +291,9 @@ fn a_key_is_revoked_without_a_restart() {
     assert_eq!(statuses(), [401, 200]);
     write(&[0, 1], "");
     until([200, 200]);
+    // Without any key nobody is let in.
+    write(&[], "max_waiting = 10\n");
+    until([401, 401]);
 }
 
 #[tokio::test]

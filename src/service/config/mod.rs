@@ -16,7 +16,7 @@ use std::time::Duration;
 pub use figment::value::Value;
 
 use crate::http::HttpLimits;
-use crate::http::auth::AuthSettings;
+use crate::http::auth::{ApiKey, AuthSettings};
 use prosopon_contract::chain;
 use prosopon_jobs::ServiceSettings;
 use prosopon_store::{BucketUrl, StoreLocation};
@@ -112,6 +112,16 @@ pub struct ConfigSource {
     pub file: PathBuf,
     /// Flags, which override the file.
     pub flags: BTreeMap<&'static str, Value>,
+}
+
+impl ConfigSource {
+    /// The API keys as the file has them now; none when it has no `[auth]`.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with one line per fault of the file or of a key.
+    pub fn keys(&self) -> Result<Vec<ApiKey>, ConfigError> {
+        read::keys(&self.file, &self.flags)
+    }
 }
 
 impl ServeConfig {
@@ -261,17 +271,22 @@ impl ServeConfig {
 
 fn check_auth(auth: &AuthSettings, faults: &mut Faults) {
     faults.add_if(auth.keys.is_empty() && auth.jwt.is_none(), "auth: neither a key nor an identity provider is given");
-    for (index, key) in auth.keys.iter().enumerate() {
-        for fault in key.faults() {
-            faults.add(format!("auth.keys[{index}]: {fault}"));
-        }
-        if auth.keys.iter().take(index).any(|other| other.id == key.id) {
-            faults.add(format!("auth.keys[{index}]: another key has the id `{}` too; rename one", key.id));
-        }
-    }
+    faults.0.extend(faults_of(&auth.keys));
     for fault in auth.jwt.iter().flat_map(|jwt| jwt.faults()) {
         faults.add(format!("auth.jwt.{fault}"));
     }
+}
+
+/// Faults of API keys, a line each.
+fn faults_of(keys: &[ApiKey]) -> Vec<String> {
+    let mut faults = Vec::new();
+    for (index, key) in keys.iter().enumerate() {
+        faults.extend(key.faults().into_iter().map(|fault| format!("auth.keys[{index}]: {fault}")));
+        if keys.iter().take(index).any(|other| other.id == key.id) {
+            faults.push(format!("auth.keys[{index}]: another key has the id `{}` too; rename one", key.id));
+        }
+    }
+    faults
 }
 
 /// Faults of a configuration, a line each.
@@ -317,7 +332,7 @@ pub fn parse_listen(text: &str) -> Result<SocketAddr, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::http::auth::{ApiKey, Scopes, new_key};
+    use crate::http::auth::{Scopes, new_key};
     use prosopon_store::TenantId;
 
     fn key(id: &str) -> ApiKey {

@@ -8,7 +8,7 @@ use figment::error::Kind;
 use serde::{Deserialize, Serialize};
 
 use super::source::Source;
-use super::{ConfigError, ConfigSource, ConnectionLimits, ServeConfig, TlsFiles, Value, parse_listen};
+use super::{ConfigError, ConfigSource, ConnectionLimits, ServeConfig, TlsFiles, Value, faults_of, parse_listen};
 use crate::http::HttpLimits;
 use crate::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes};
 use prosopon_jobs::ServiceSettings;
@@ -87,6 +87,18 @@ pub(super) fn read(
     faults.extend(config.faults());
     let printed = source.used.iter().map(|(path, value)| format!("{path} = {value}\n")).collect();
     if faults.is_empty() { Ok((config, printed)) } else { Err(ConfigError { faults }) }
+}
+
+/// The API keys of a file.
+pub(super) fn keys(file: &Path, flags: &BTreeMap<&'static str, Value>) -> Result<Vec<ApiKey>, ConfigError> {
+    let mut source = Source::new(Some(file), flags);
+    if let Some(faults) = source.unreadable() {
+        return Err(ConfigError { faults });
+    }
+    let keys = auth(&mut source).map(|auth| auth.keys).unwrap_or_default();
+    let mut faults = std::mem::take(&mut source.faults);
+    faults.extend(faults_of(&keys));
+    if faults.is_empty() { Ok(keys) } else { Err(ConfigError { faults }) }
 }
 
 /// An address; its printed form has no password.

@@ -20,7 +20,7 @@ impl From<StoreError> for Fault {
         if error.is_disk_full() {
             return Self::new(
                 FaultKind::StorageFull,
-                "the disk of the service is full; delete sessions or enlarge the disk",
+                "the disk of the service is full; delete sessions, or make room outside of the service where that is refused too",
             );
         }
         match error {

@@ -3,6 +3,7 @@ use utoipa::ToSchema;
 
 use super::motion::{motion_of, motion_parts};
 use super::warning::Findings;
+use prosopon_geometry::Warning;
 use prosopon_planning::plan::{self, Path, PathReport, Plan, PlanError};
 
 /// Motion from rest at the path parameter `t`.
@@ -108,6 +109,13 @@ impl PlanDocument {
     pub fn new(label: Option<String>, plan: &Plan) -> Self {
         let (reports, findings) = (Vec::new(), Findings::default());
         Self { label, paths: Self::paths_of(plan), reports, measured: false, findings, wall_s: 0.0 }
+    }
+
+    /// The same plan with another warning.
+    #[must_use]
+    pub fn warned(mut self, warning: Warning) -> Self {
+        self.findings.extend([warning]);
+        self
     }
 
     /// The same plan with `reports`, which took `wall_s` to compute.

@@ -155,6 +155,34 @@ struct State {
     month: String,
     file: Option<File>,
     chain: String,
+    /// Entries that could not be written since the last one that was.
+    lost: u64,
+}
+
+impl State {
+    /// Opens the file of `month`; a line that a full disk cut off is marked as such.
+    fn open(&mut self, directory: &Path, month: &str) -> io::Result<()> {
+        if self.file.is_some() && self.month == month {
+            return Ok(());
+        }
+        let path = directory.join(format!("{month}.jsonl"));
+        let mut file = OpenOptions::new().create(true).read(true).append(true).open(path)?;
+        close_off(&mut file)?;
+        self.file = Some(file);
+        month.clone_into(&mut self.month);
+        Ok(())
+    }
+
+    fn append(&mut self, entry: AuditEntry, sync: bool) -> io::Result<()> {
+        let Some(file) = &mut self.file else { return Ok(()) };
+        let chain = chained(&self.chain, &entry)?;
+        let mut line = serde_json::to_string(&Line { entry, chain: chain.clone() })?;
+        line.push('\n');
+        // One write, so that a crash can cut off only the last line.
+        file.write_all(line.as_bytes())?;
+        self.chain = chain;
+        if sync { file.sync_data() } else { Ok(()) }
+    }
 }
 
 impl Audit {
@@ -190,24 +218,13 @@ impl Audit {
         let Some(directory) = &self.directory else { return Ok(()) };
         let entry = AuditEntry { at: now_rfc3339(), ..entry };
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let month = entry.at.get(..7).unwrap_or("0000-00");
-        if state.file.is_none() || state.month != month {
-            let path = directory.join(format!("{month}.jsonl"));
-            state.file = Some(OpenOptions::new().create(true).append(true).open(path)?);
-            month.clone_into(&mut state.month);
+        let recorded = record(&mut state, directory, entry, sync);
+        if recorded.is_err() {
+            // Opened again, so that the next entry does not continue half a line.
+            state.file = None;
+            state.lost += 1;
         }
-        let chain = chained(&state.chain, &entry)?;
-        let mut line = serde_json::to_string(&Line { entry, chain: chain.clone() })?;
-        line.push('\n');
-        if let Some(file) = &mut state.file {
-            // One write, so that a crash can cut off only the last line.
-            file.write_all(line.as_bytes())?;
-            if sync {
-                file.sync_data()?;
-            }
-        }
-        state.chain = chain;
-        Ok(())
+        recorded
     }
 
     /// Syncs the log to disk and returns the chain at its end.
@@ -290,6 +307,18 @@ impl Audit {
 
 /// Marks the end of a line that a crash cut off.
 const CUT_OFF: &str = "#cut-off";
+
+/// Appends an entry, after one that says how many were lost before.
+fn record(state: &mut State, directory: &Path, entry: AuditEntry, sync: bool) -> io::Result<()> {
+    let month = entry.at.get(..7).unwrap_or("0000-00").to_owned();
+    state.open(directory, &month)?;
+    if state.lost > 0 {
+        let what = format!("{} entries before this one could not be written", state.lost);
+        state.append(AuditEntry { at: entry.at.clone(), what, ..AuditEntry::default() }, false)?;
+        state.lost = 0;
+    }
+    state.append(entry, sync)
+}
 
 fn chained(before: &str, entry: &AuditEntry) -> io::Result<String> {
     Ok(sha256_hex(format!("{before}\n{}", serde_json::to_string(entry)?).as_bytes()))
@@ -400,6 +429,28 @@ mod tests {
         assert!(matches!(verify_audit(data.path(), None).await, Err(AuditFault::CutOff { entries: 2, .. })));
         std::fs::remove_dir_all(data.path().join("audit")).unwrap();
         assert!(matches!(verify_audit(data.path(), None).await, Err(AuditFault::CutOff { entries: 0, .. })));
+    }
+
+    /// A full disk leaves half a line; the log says so, and how many entries it lost.
+    #[test]
+    fn entries_that_a_full_disk_refused_are_counted() {
+        let data = tempfile::tempdir().unwrap();
+        let audit = Audit::open(data.path()).unwrap();
+        audit.record(entry("a"), true).unwrap();
+        let path = only_file(data.path());
+        let whole = std::fs::metadata(&path).unwrap().len();
+        OpenOptions::new().append(true).open(&path).unwrap().write_all(br#"{"entry":{"at":"20"#).unwrap();
+        for _ in 0..2 {
+            // Writes to a file that is open for reading fail.
+            audit.state.lock().unwrap().file = Some(File::open(&path).unwrap());
+            audit.record(entry("b"), false).unwrap_err();
+        }
+        audit.record(entry("c"), true).unwrap();
+        audit.record(entry("d"), true).unwrap();
+        // The first entry, the one on what was lost, and the last two.
+        assert_eq!(entries(data.path()), 4);
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text[whole as usize..].contains("2 entries before this one could not be written"), "{text}");
     }
 
     #[test]

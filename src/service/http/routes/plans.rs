@@ -8,6 +8,7 @@ use crate::http::dto::{PlanList, PlanView};
 use crate::http::extract::{CreateBody, Ids};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{CreatePlan, FaultKind, PlanDocument, Segments, from_json, stored_cuts, to_json};
+use prosopon_geometry::Warning;
 use prosopon_jobs::{make_plan, measure_plan};
 use prosopon_session::SessionParts;
 use prosopon_store::{OsteotomyId, PlanId, PlanRecord, SessionId, now_rfc3339};
@@ -84,7 +85,7 @@ pub(in crate::http) async fn list(
 /// Read a plan
 ///
 /// Returns its paths and the report on them. The first reading measures overlaps and gaps of bone; `measured` is false where
-/// bone or settings have changed since the bone was cut.
+/// bone or settings have changed since the bone was cut, with a warning.
 #[utoipa::path(get, path = "/v1/sessions/{session}/plans/{plan}", operation_id = "getPlan", tag = "bone",
     params(("session" = Uuid, Path), ("plan" = Uuid, Path)),
     responses((status = 200, description = "The plan.", body = PlanView)))]
@@ -132,11 +133,19 @@ pub(super) async fn measured(state: &AppState, record: &PlanRecord) -> Result<Pl
     let parts = SessionParts::load(state.service.store(), record.session).await?;
     let bone = match current_osteotomy(state, &parts, record.session, osteotomy, "/osteotomy").await {
         Ok((_, bone)) => bone,
-        Err(Problem(fault)) if matches!(fault.kind, FaultKind::Stale | FaultKind::MissingInput) => return Ok(content),
+        Err(Problem(fault)) if matches!(fault.kind, FaultKind::Stale | FaultKind::MissingInput) => {
+            let warning =
+                Warning::check("plan-not-measured", format!("overlaps of bone are not known: {}", fault.detail));
+            return Ok(content.warned(warning.act("Cut the bone again, and plan on the new osteotomy.")));
+        }
         Err(problem) => return Err(problem),
     };
     let content = measure_plan(&state.service, &parts, stored_cuts(&bone.cuts)?, content).await?;
-    state.service.store().set_plan(record.session, record.id, &to_json("the plan", &content)?).await?;
+    let stored = state.service.store().set_plan(record.session, record.id, &to_json("the plan", &content)?).await;
+    if let Err(error) = stored {
+        // On a full disk plans can be read all the same.
+        tracing::warn!(%error, "the measured plan is not stored");
+    }
     Ok(content)
 }
 

@@ -903,7 +903,7 @@ export interface paths {
         /**
          * Read a plan
          * @description Returns its paths and the report on them. The first reading measures overlaps and gaps of bone; `measured` is false where
-         *     bone or settings have changed since the bone was cut.
+         *     bone or settings have changed since the bone was cut, with a warning.
          */
         get: operations["getPlan"];
         put?: never;

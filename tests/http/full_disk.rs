@@ -183,36 +183,41 @@ async fn a_job_on_a_full_disk_fails_and_keeps_its_steps() {
 /// Below the room that is kept free, sessions can be read and deleted, and jobs wait.
 #[tokio::test]
 async fn a_full_disk_can_be_emptied() {
-    let mut app = TestApp::new().await;
+    let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let (other, _) = app.session_with_plan().await;
     app.stand_in.hold_after(1);
     let job = app.solve(&session, &plan, json!({"steps": 3})).await;
     app.until_step(&job, 1).await;
     let unwanted = app.solve(&session, &plan, json!({"steps": 2})).await;
-    app.keep_free(u64::MAX);
-    let mut app = app.restart().await;
+    let store = app.state.service.store();
+    store.keep_free(u64::MAX);
     app.get("/readyz").await.problem(507, "storage-full");
     assert_eq!(app.get("/livez").await.status, StatusCode::OK);
     app.post("/v1/sessions", json!({})).await.problem(507, "storage-full");
     app.upload(&format!("{session}/skin"), skin()).await.problem(507, "storage-full");
     app.post(&format!("{session}/jobs"), json!({"plan": plan})).await.problem(507, "storage-full");
-    assert_eq!(app.get(&format!("{job}?wait_s=1")).await.ok()["status"], "accepted");
     let cancelled = app.post(&format!("{unwanted}/cancel"), json!({})).await;
     assert!(cancelled.status.is_success(), "{cancelled:?}");
     assert_eq!(app.delete(&format!("{other}?at_once=true")).await.status, StatusCode::NO_CONTENT);
     app.get(&other).await.problem(410, "gone");
+    // The running job cannot store its next step: it waits, and keeps the steps that it has.
+    app.stand_in.release();
+    let deadline = std::time::Instant::now() + std::time::Duration::from_secs(60);
+    while app.get(&job).await.ok()["status"] != "accepted" {
+        assert!(std::time::Instant::now() < deadline);
+        tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+    }
+    assert_eq!(app.get(&format!("{job}/steps/1/skin")).await.status, StatusCode::OK);
 
-    // With twice as much, all is accepted, and `/readyz` warns.
-    let free = app.state.service.store().free_room().unwrap().unwrap();
-    app.keep_free(free.bytes / 2);
-    let mut app = app.restart().await;
+    // With twice as much as is kept free, all is accepted, and `/readyz` warns.
+    store.keep_free(store.free_room().unwrap().unwrap().bytes / 2);
     assert_eq!(app.ended(&job).await.ok()["status"], "succeeded");
     app.session().await;
     let nearly = app.get("/readyz").await;
     assert!(nearly.status == StatusCode::OK && nearly.body.starts_with(b"ok, but the disk has "), "{nearly:?}");
-    app.keep_free(0);
-    assert_eq!(app.restart().await.get("/readyz").await.body, "ok\n");
+    store.keep_free(0);
+    assert_eq!(app.get("/readyz").await.body, "ok\n");
 }
 
 /// The database refuses to record the end of a job for some time.

@@ -26,7 +26,7 @@ impl Service {
         let stop = CancellationToken::new();
         let workers = if settings.computes_jobs { Worker::all(settings.parallel_jobs) } else { Vec::new() };
         let service = Arc::new(Self {
-            store: store.with_quota(settings.session_quota).with_room(settings.min_free),
+            store: store.with_quota(settings.session_quota),
             engine,
             cpu,
             settings,
@@ -41,6 +41,7 @@ impl Service {
             refused: Mutex::default(),
             tasks: Mutex::default(),
         });
+        service.store.keep_free(service.settings.min_free);
         service.check_audit_end().await?;
         // In a shared store, running jobs may belong to other processes; `take_over` waits for their leases to expire.
         let abandoned = if service.store.is_shared() { Vec::new() } else { service.store.abandoned().await? };

@@ -211,6 +211,10 @@ fn outcome(
         }
         Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreUnavailable => interrupted(job, -1),
         Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreRefuses && !only_this => interrupted(job, -1),
+        // What is kept free was reached: the job goes on from its last step once there is room.
+        Err(Halt::Fault(fault)) if fault.kind == FaultKind::StorageFull && service.store.check_room().is_err() => {
+            interrupted(job, -1)
+        }
         Err(Halt::Fault(_)) if only_this && job.attempt < service.settings.max_attempts => interrupted(job, 0),
         Err(Halt::Fault(fault)) => (JobEvent::Fail, stopped(running, ended(JobState::Failed, Some(&fault)))),
         Err(Halt::Cancelled) if service.stop.is_cancelled() && !running.control.is_overdue() => interrupted(job, -1),

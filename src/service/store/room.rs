@@ -1,6 +1,7 @@
 //! Room on a disk that is kept free for deletions and for the ends of jobs.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::StoreError;
 
@@ -10,7 +11,7 @@ use super::StoreError;
 #[derive(Debug, Default)]
 pub(super) struct Room {
     pub(super) directories: Vec<PathBuf>,
-    pub(super) least: u64,
+    pub(super) least: AtomicU64,
 }
 
 /// Free bytes on the fullest disk of a store.
@@ -26,7 +27,8 @@ impl Room {
     /// Room on the fullest disk; `None` when nothing of the store is on a local disk.
     pub(super) fn free(&self) -> std::io::Result<Option<FreeRoom>> {
         let free = self.directories.iter().map(fs4::available_space).collect::<std::io::Result<Vec<u64>>>()?;
-        Ok(free.into_iter().min().map(|bytes| FreeRoom { bytes, least: self.least }))
+        let least = self.least.load(Ordering::Relaxed);
+        Ok(free.into_iter().min().map(|bytes| FreeRoom { bytes, least }))
     }
 
     /// # Errors
@@ -46,14 +48,14 @@ mod tests {
     #[test]
     fn a_disk_below_the_limit_has_no_room() {
         let directory = tempfile::tempdir().unwrap();
-        let room = |least| Room { directories: vec![directory.path().to_owned()], least };
+        let room = |least| Room { directories: vec![directory.path().to_owned()], least: AtomicU64::new(least) };
         room(1).check().unwrap();
         match room(u64::MAX).check() {
             Err(StoreError::NoRoom { bytes, least }) => assert!(bytes > 0 && least == u64::MAX, "{bytes}"),
             other => panic!("{other:?}"),
         }
         assert_eq!(Room::default().free().unwrap(), None);
-        let gone = Room { directories: vec![directory.path().join("gone")], least: 0 };
+        let gone = Room { directories: vec![directory.path().join("gone")], ..Room::default() };
         assert!(matches!(gone.check(), Err(StoreError::Io(_))));
     }
 }

@@ -3,6 +3,7 @@ mod open;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use object_store::ObjectStore;
@@ -54,11 +55,9 @@ impl Store {
         Self { quota: bytes, ..self }
     }
 
-    /// The same store, which keeps `least` bytes of its local disks free.
-    #[must_use]
-    pub fn with_room(self, least: u64) -> Self {
-        let room = Arc::new(Room { directories: self.room.directories.clone(), least });
-        Self { blobs: self.blobs.with_room(Arc::clone(&room)), room, ..self }
+    /// Keeps `least` bytes of the local disks free from now on; nothing is kept free before.
+    pub fn keep_free(&self, least: u64) {
+        self.room.least.store(least, Ordering::Relaxed);
     }
 
     /// Room on the fullest local disk; `None` when all rows and blobs are elsewhere.

@@ -133,11 +133,6 @@ impl TestApp {
         Self { router: app(state.clone()), state, stand_in, config, directory }
     }
 
-    /// Keeps `bytes` of the disk free after the next restart.
-    pub(crate) fn keep_free(&mut self, bytes: u64) {
-        self.config.service.min_free = bytes;
-    }
-
     /// Shuts the service down and starts it again on the same directory.
     pub(crate) async fn restart(self) -> Self {
         self.restart_after(async |_| {}).await

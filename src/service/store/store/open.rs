@@ -70,7 +70,8 @@ impl Store {
         }
         let rows = (!shared).then(|| directory.to_owned());
         let directories = rows.into_iter().chain(blobs.root().map(Path::to_owned)).collect();
-        let room = Arc::new(Room { directories, least: 0 });
+        let room = Arc::new(Room { directories, ..Room::default() });
+        let blobs = blobs.with_room(Arc::clone(&room));
         let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), watched: watched.into(), room };
         store.check_belonging(directory, places).await?;
         // In a shared store another process may be about to name a blob that it has stored, so only a local store is swept.

@@ -172,11 +172,12 @@ impl BudgetDocument {
             Grounds::MostAccurateInTime => {
                 "the most accurate setting that is expected to end in time in 95 % of scenes"
             }
-            Grounds::ErrorOutOfReach if asked.max_wall_s.is_some() => {
+            // Without a limit of time the choice would be more accurate.
+            Grounds::ErrorOutOfReach if choice.alternatives.iter().any(|a| a.error_mm < choice.chosen.error_mm) => {
                 "no setting that ends in time is expected to be this accurate in 95 % of scenes: the most accurate one"
             }
             Grounds::ErrorOutOfReach => {
-                "no setting is expected to be this accurate in 95 % of scenes: the most accurate one"
+                "no setting that the request allows is expected to be this accurate in 95 % of scenes: the most accurate one"
             }
             Grounds::TimeOutOfReach => "no setting is expected to end in time in 95 % of scenes: the fastest one",
         };
@@ -252,8 +253,10 @@ mod tests {
     fn reasons_name_the_limit_that_cannot_be_kept() {
         assert!(document(Some(10.0), None).why.starts_with("the fastest setting that is expected to keep"));
         assert!(document(None, Some(1e4)).why.starts_with("the most accurate setting that is expected to end"));
-        assert!(document(Some(1e-3), None).why.starts_with("no setting is expected to be this accurate"));
-        assert!(document(Some(1e-3), Some(1e4)).why.starts_with("no setting that ends in time"));
+        for wall_s in [None, Some(1e9)] {
+            assert!(document(Some(1e-3), wall_s).why.starts_with("no setting that the request allows"));
+        }
+        assert!(document(Some(1e-3), Some(200.0)).why.starts_with("no setting that ends in time"));
         assert!(document(Some(1.0), Some(1e-3)).why.starts_with("no setting is expected to end in time"));
     }
 }

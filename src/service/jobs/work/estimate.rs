@@ -75,7 +75,11 @@ impl Estimating {
             warnings.push(Warning::check("budget-not-studied", message).act(action));
         }
         if let Some(missed) = budget.missed() {
-            let action = "See `budget.alternatives` for settings that are more accurate or faster.";
+            let action = if budget.alternatives.is_empty() {
+                "Leave `mesh` and `locking` out, so that other settings can be chosen, or ask for less."
+            } else {
+                "See `budget.alternatives` of the report for settings that are more accurate or faster."
+            };
             warnings.push(Warning::check("budget-missed", missed).act(action));
         }
         Ok((budget, warnings))

@@ -26,10 +26,10 @@ pub struct Budget {
     /// jobs before counts too.
     #[serde(default)]
     pub max_wall_s: Option<f64>,
-    /// Whether a further job with a better setting follows when the estimated error misses the budget and time is left; true
-    /// when absent.
+    /// Whether a further job with a better setting follows when time is left and the estimated error misses the budget, or the
+    /// budget has no error; true when absent.
     ///
-    /// The job that missed then ends as `succeeded` with `continued_by`, the id of the further one.
+    /// The first job then ends as `succeeded` with `continued_by`, the id of the further one.
     #[serde(default = "yes")]
     pub go_on: bool,
 }

@@ -244,7 +244,7 @@ class BoxDocument(TypedDict):
 class Budget(TypedDict, total=False):
     """Limits within which `auto` chooses mesh and elements; at least one of them."""
 
-    # Whether a further job with a better setting follows when the estimated error misses the budget and time is left; true when absent.
+    # Whether a further job with a better setting follows when time is left and the estimated error misses the budget, or the budget has no error; true when absent.
     go_on: bool
     max_error_mm: Optional[float]  # Largest acceptable numerical error, mm, 0.001 to 10.
     max_wall_s: Optional[float]  # Longest acceptable time of mesh and path, s, at least 1; the job's `max_wall_s` counts too.

@@ -1219,10 +1219,10 @@ export interface components {
         /** @description Limits within which `auto` chooses mesh and elements; at least one of them. */
         Budget: {
             /**
-             * @description Whether a further job with a better setting follows when the estimated error misses the budget and time is left; true
-             *     when absent.
+             * @description Whether a further job with a better setting follows when time is left and the estimated error misses the budget, or the
+             *     budget has no error; true when absent.
              *
-             *     The job that missed then ends as `succeeded` with `continued_by`, the id of the further one.
+             *     The first job then ends as `succeeded` with `continued_by`, the id of the further one.
              */
             go_on?: boolean;
             /**

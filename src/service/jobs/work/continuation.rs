@@ -21,7 +21,7 @@ pub(super) struct Spent {
     pub(super) path_s: f64,
 }
 
-/// The further job after a solve that missed the error of its budget, if a better setting is expected to end in time.
+/// The further job after a solve that missed the error of its budget, or had none, if a better setting is expected to end in time.
 ///
 /// Names it in `budget`, and returns it with a note.
 pub(super) fn go_on(
@@ -31,12 +31,9 @@ pub(super) fn go_on(
     budget: &mut BudgetDocument,
     spent: Spent,
 ) -> Result<Option<(Continuation, Warning)>, Fault> {
-    let (Some(estimated), Some(spent_s), Some(asked_mm)) =
-        (budget.estimated, budget.spent_s, budget.asked.max_error_mm)
-    else {
-        return Ok(None);
-    };
-    if !budget.asked.go_on || estimated.error_mm <= asked_mm {
+    let (Some(estimated), Some(spent_s)) = (budget.estimated, budget.spent_s) else { return Ok(None) };
+    let asked_mm = budget.asked.max_error_mm;
+    if !budget.asked.go_on || asked_mm.is_some_and(|asked| estimated.error_mm <= asked) {
         return Ok(None);
     }
     let tried = TriedDocument {
@@ -50,7 +47,7 @@ pub(super) fn go_on(
     let job_s = context.job.max_wall_s.map(|_| context.running.control.left_s());
     let tried_s = budget.tried_s() + tried.spent_s + tried.estimated.wall_s;
     let budget_s = budget.asked.max_wall_s.map(|most| most - tried_s);
-    let limits = Limits { error_mm: Some(asked_mm), wall_s: job_s.into_iter().chain(budget_s).reduce(f64::min) };
+    let limits = Limits { error_mm: asked_mm, wall_s: job_s.into_iter().chain(budget_s).reduce(f64::min) };
     let edge_mm = task.mesh.settings.edge_mm;
     let known = KnownMesh { edge_mm, nodes: spent.nodes, wall_s: spent.mesh_s };
     let demand = demand_of(&task.request, &task.mesh, &task.plan, task.given, Some(known));

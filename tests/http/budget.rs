@@ -27,8 +27,19 @@ fn a_budget_chooses_estimates_and_says_what_it_missed() {
     let session = server.session_with_field();
     let (osteotomy, plan) = planned(&server, &session, 4.0);
 
-    let loose = report(&server, &session, &plan, json!({ "steps": 2, "budget": { "max_error_mm": 10 } }));
+    let loose = json!({ "plan": plan, "steps": 2, "budget": { "max_error_mm": 10 } });
+    let accepted = server.post(&format!("{session}/jobs"), &loose);
+    let job = server.finish(&accepted);
+    let loose = server.get(&format!("/v1/jobs/{}/report", job["id"].as_str().unwrap())).ok();
     let budget = &loose["budget"];
+    // The choice is known before the solve.
+    for early in [&accepted.ok()["budget"], &job["budget"]] {
+        assert_eq!(
+            [&early["chosen"], &early["expected"], &early["why"]],
+            ["chosen", "expected", "why"].map(|n| &budget[n])
+        );
+        assert!(early.get("estimated").is_none() && early.get("within_s").is_none(), "{early}");
+    }
     assert_eq!(budget["chosen"]["edge_mm"], loose["mesh"]["settings"]["edge_mm"], "{budget}");
     assert_eq!(budget["chosen"]["locking"], loose["parameters"]["locking"], "{budget}");
     let at = |pointer: &str| budget.pointer(pointer).and_then(Value::as_f64).unwrap();
@@ -51,12 +62,27 @@ fn a_budget_chooses_estimates_and_says_what_it_missed() {
     let hasty = report(&server, &session, &plan, hasty);
     assert_eq!(hasty["budget"]["chosen"]["edge_mm"], 8.0);
     assert_eq!(hasty["budget"]["alternatives"], json!([]));
+    assert_eq!(hasty["budget"]["within_s"], 1.0);
     assert!(codes(&hasty).contains("budget-not-studied") && !codes(&loose).contains("budget-not-studied"));
     // Its estimate's mesh is deep enough for edges of 10 mm, and comes on top of the time.
     assert_eq!(hasty["budget"]["estimated"]["edge_mm"], 10.0, "{}", hasty["budget"]);
     let [spent, solve] = [&hasty["budget"]["spent_s"], &hasty["phases"]["solve_s"]].map(|s| s.as_f64().unwrap());
     assert!(spent >= solve, "{}", hasty["budget"]);
     assert_eq!(codes(&hasty).contains("budget-missed"), spent > 1.0, "{}", codes(&hasty));
+    assert!(hasty["notes"].to_string().contains("budget-ended"), "{}", hasty["notes"]);
+
+    // After a restart the named mesh must be built again, and its time counts.
+    let again = json!({ "plan": plan, "mesh": mesh["id"], "budget": { "max_error_mm": 10, "go_on": false } });
+    let expected = |server: &Server| {
+        let job = server.post(&format!("{session}/jobs"), &again);
+        server.finish(&job);
+        job.ok()["budget"]["expected"]["wall_s"].as_f64().unwrap()
+    };
+    let kept = expected(&server);
+    drop(server);
+    let server = Server::start(directory.path(), &[]);
+    let gone = expected(&server);
+    assert!(gone > kept && expected(&server) == kept, "{gone} s without and {kept} s with the mesh");
 }
 
 /// With an error between what the table promises for the first setting and what that setting is found to have, the first job
@@ -104,6 +130,11 @@ fn a_job_that_missed_its_error_is_continued() {
         assert!(jobs.len() < 8, "{jobs:?}");
     }
     assert!(jobs.len() > 1, "{job}");
+    let last = server.get(&format!("/v1/jobs/{}/report", job["id"].as_str().unwrap())).ok();
+    let missed = number(&budget["estimated"]["error_mm"]) > asked;
+    assert_eq!(last["notes"].to_string().contains("budget-ended"), missed, "{last}");
+    let late = server.post(&format!("/v1/jobs/{}/cancel", jobs[0].as_str().unwrap()), &json!({}));
+    assert_eq!(late.refused(409, "wrong-state", "cancel that one")["continued_by"], jobs[1]);
     let events = server.get_lines(&format!("/v1/jobs/{}/events", jobs[0].as_str().unwrap()));
     assert_eq!(events.last().unwrap()["data"].get("continued_by"), jobs.get(1), "{events:?}");
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::Segment;
+use super::Osteotomy;
 use super::moved_solid::{MovedSolid, Solid, nearest_bone};
 use super::tuning::{FAR_FACE_MM, MIN_FACING, TOUCH_SHARE};
 use prosopon_geometry::control::{Cancelled, Control};
@@ -36,27 +36,29 @@ struct Face {
 }
 
 impl CutFaces {
-    /// Finds the triangles that face another segment at rest, in contact or across a kerf of up to `kerf_mm`.
-    pub(super) fn of(
-        segments: &[Segment],
-        solids: &[(u32, Solid)],
-        kerf_mm: f64,
-        control: &Control,
-    ) -> Result<Self, Cancelled> {
+    /// Finds the triangles that face a segment at rest from which they were sawn, in contact or across the kerf.
+    ///
+    /// Teeth that touched in the image and were only separated are no cut faces.
+    pub(super) fn of(osteotomy: &Osteotomy, solids: &[(u32, Solid)], control: &Control) -> Result<Self, Cancelled> {
+        let segments = &osteotomy.segments;
+        let kerf_mm = osteotomy.cuts.iter().map(|c| c.kerf_mm).fold(0.0, f64::max);
         let mut all = Vec::with_capacity(segments.len());
         for segment in segments {
             control.check()?;
             let mesh = &segment.surface;
             let edge = (segment.area_mm2 / mesh.triangles().len() as f64 * 4.0 / 3.0f64.sqrt()).sqrt();
             let far = kerf_mm + TOUCH_SHARE * edge;
-            let others = || solids.iter().filter(|(id, _)| *id != segment.id);
+            let is_sawn = |id: u32| {
+                segments.iter().any(|s| s.id == id && id != segment.id && osteotomy.is_sawn_between(segment, s))
+            };
+            let others: Vec<&Solid> = solids.iter().filter(|(id, _)| is_sawn(*id)).map(|(_, solid)| solid).collect();
             let face = |t: usize| {
                 let [a, b, c] = mesh.corners(t);
                 let scaled = mesh.scaled_normal(t);
                 let (middle, normal) =
                     (Point::from((a.coords + b.coords + c.coords) / 3.0), scaled.try_normalize(0.0)?);
                 let facing = |s: &Solid| s.ahead(&middle, &normal, far).is_some_and(|hit| hit.facing > MIN_FACING);
-                Some(Face { middle, normal, area: 0.5 * scaled.norm(), faces: others().any(|(_, s)| facing(s)) })
+                Some(Face { middle, normal, area: 0.5 * scaled.norm(), faces: others.iter().any(|s| facing(s)) })
             };
             let triangles = mesh.triangles();
             let found: Vec<_> = (0..triangles.len()).into_par_iter().with_min_len(256).map(face).collect();

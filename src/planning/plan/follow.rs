@@ -72,8 +72,7 @@ pub fn follow(osteotomy: &Osteotomy, plan: &Plan, control: &Control) -> Result<V
             solids.push((segment.id, solid));
         }
     }
-    let kerf_mm = osteotomy.cuts.iter().map(|c| c.kerf_mm).fold(0.0, f64::max);
-    let faces = CutFaces::of(&osteotomy.segments, &solids, kerf_mm, control)?;
+    let faces = CutFaces::of(osteotomy, &solids, control)?;
     control.report(0.3);
     let follower = Follower { osteotomy, plan, solids, faces };
     let mut reports = Vec::with_capacity(plan.paths.len());

@@ -40,6 +40,8 @@ pub struct KnownMesh {
     pub nodes: usize,
     /// Time that it took, s.
     pub wall_s: f64,
+    /// Whether it need not be built again.
+    pub is_kept: bool,
 }
 
 /// A setting with what it is expected to cost.
@@ -230,7 +232,7 @@ impl Elements {
             let ([least, most], times) = (MACHINE, known.wall_s / MESH.at(known.nodes as f64 / NODES));
             if times < CACHED { 1.0 } else { times.clamp(least, most) }
         });
-        let is_built = demand.mesh.is_some_and(|known| known.edge_mm == edge_mm);
+        let is_built = demand.mesh.is_some_and(|known| known.is_kept && known.edge_mm == edge_mm);
         let mesh_s = if is_built { 0.0 } else { machine * MESH.at(nodes) };
         let path_s = machine * self.path.at(nodes) * f64::from(demand.steps) / STEPS;
         let error_mm = demand.displacement_mm * self.error.at(edge);
@@ -289,7 +291,10 @@ mod tests {
 
     #[test]
     fn a_missed_error_leads_to_better_settings_until_none_is_left() {
-        let known = |edge_mm| KnownMesh { edge_mm, nodes: NODES_BY_EDGE.at(edge_mm / EDGE_MM) as usize, wall_s: 0.0 };
+        let known = |edge_mm| {
+            let nodes = NODES_BY_EDGE.at(edge_mm / EDGE_MM) as usize;
+            KnownMesh { edge_mm, nodes, wall_s: 0.0, is_kept: true }
+        };
         let limits = Limits { error_mm: Some(0.1), wall_s: None };
         let mut tried = Tried { edge_mm: 7.0, locking: Locking::None, error_mm: 0.6, path_s: 4.0 };
         let mut tries = 0;
@@ -341,7 +346,7 @@ mod tests {
         let usual = Demand { edge_mm: Some(4.0), locking: Some(Locking::None), ..demand() };
         let at = |nodes: f64, slower: f64| {
             let wall_s = slower * MESH.at(nodes / NODES);
-            let mesh = Some(KnownMesh { edge_mm: 5.0, nodes: nodes as usize, wall_s });
+            let mesh = Some(KnownMesh { edge_mm: 5.0, nodes: nodes as usize, wall_s, is_kept: true });
             settings(&Demand { mesh, ..usual })[0].wall_s
         };
         let nodes = NODES_BY_EDGE.at(5.0 / EDGE_MM).round();
@@ -351,5 +356,11 @@ mod tests {
         assert_eq!(at(nodes, 0.001), at(nodes, 1.0));
         assert_eq!(at(nodes, 9.0), at(nodes, 2.0));
         assert!(at(2.0 * nodes, 1.0) > 1.5 * at(nodes, 1.0));
+        // The very mesh costs nothing while it is kept, and its time again once it is not.
+        let [kept, gone] = [true, false].map(|is_kept| {
+            let mesh = Some(KnownMesh { edge_mm: 4.0, nodes: NODES as usize, wall_s: MESH.factor, is_kept });
+            settings(&Demand { mesh, ..usual })[0].wall_s
+        });
+        assert!((gone - kept - MESH.factor).abs() < 1e-9);
     }
 }

@@ -20,7 +20,7 @@ pub struct Budget {
     /// model. How far a patient's face will be from it is another question.
     #[serde(default)]
     pub max_error_mm: Option<f64>,
-    /// Longest acceptable time of mesh and path, s, at least 1; the job's `max_wall_s` counts too.
+    /// Longest acceptable time of mesh and path, s, at least 1; the job's `max_wall_s` counts too, and `within_s` is the shorter.
     ///
     /// It does not stop the job, and the estimate of the error comes on top of it. When a further job goes on, the time of the
     /// jobs before counts too.
@@ -138,15 +138,23 @@ pub struct BudgetDocument {
     /// The further job that follows because this one missed the error and time is left.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub continued_by: Option<Uuid>,
+    /// Time within which mesh and path were to end, s; absent where nothing limits it.
+    ///
+    /// It is the shorter of the `max_wall_s` of budget and job, less what earlier jobs took.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_s: Option<f64>,
     /// Reason for the choice.
     pub why: String,
     /// Settings that are faster or more accurate, in order of time.
     pub alternatives: Vec<AlternativeDocument>,
 }
 
+fn rounded(value: f64, digits: f64) -> f64 {
+    (value * digits).round() / digits
+}
+
 impl From<&Setting> for ExpectedDocument {
     fn from(s: &Setting) -> Self {
-        let rounded = |value: f64, digits: f64| (value * digits).round() / digits;
         Self {
             error_mm: rounded(s.error_mm, 1000.0),
             error_at_most_mm: rounded(s.error_at_most_mm, 1000.0),
@@ -165,7 +173,7 @@ impl From<&Setting> for AlternativeDocument {
 impl BudgetDocument {
     /// The document of a choice, before the solve.
     #[must_use]
-    pub fn new(asked: Budget, choice: &Choice, model: ModelName, steps: u32) -> Self {
+    pub fn new(asked: Budget, within_s: Option<f64>, choice: &Choice, model: ModelName, steps: u32) -> Self {
         let Setting { edge_mm, locking, .. } = choice.chosen;
         let why = match choice.grounds {
             Grounds::Fastest => "the fastest setting that is expected to keep the budget in 95 % of scenes",
@@ -189,6 +197,7 @@ impl BudgetDocument {
             spent_s: None,
             tried: Vec::new(),
             continued_by: None,
+            within_s: within_s.map(|s| rounded(s, 10.0)),
             why: why.to_owned(),
             alternatives: choice.alternatives.iter().map(Into::into).collect(),
         }
@@ -229,7 +238,8 @@ mod tests {
         let demand =
             Demand { displacement_mm: 6.0, steps: 6, mesh: None, max_edge_mm: 20.0, edge_mm: None, locking: None };
         let choice = choose(&demand, Limits { error_mm: max_error_mm, wall_s: max_wall_s }).unwrap();
-        BudgetDocument::new(Budget { max_error_mm, max_wall_s, go_on: true }, &choice, ModelName::Nonlinear, 6)
+        let asked = Budget { max_error_mm, max_wall_s, go_on: true };
+        BudgetDocument::new(asked, max_wall_s, &choice, ModelName::Nonlinear, 6)
     }
 
     #[test]

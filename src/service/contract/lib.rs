@@ -44,7 +44,7 @@ mod warning;
 pub use attachment::{AttachedDocument, Attachment, BeyondName, NodeClassName, PaintDocument};
 pub use baselines::{BaselineDocument, BaselinesDocument};
 pub use bounds::BoxDocument;
-pub use budget::{Budget, BudgetDocument, EstimateDocument, TriedDocument};
+pub use budget::{Budget, BudgetDocument, EstimateDocument, ExpectedDocument, TriedDocument};
 pub use check::{Check, REACH_MM, short_number};
 pub use choices::{PlanChoice, SupersedeChoice, SupersedeForms, SupersedeScopeName};
 pub use clinical::{

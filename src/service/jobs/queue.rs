@@ -14,6 +14,17 @@ use prosopon_store::{
 /// Number of times that a cancellation waits 5 ms for a running job's worker to appear in this process.
 const LOOKS: u32 = 50;
 
+/// Why an ended job cannot be cancelled; names the job that goes on in its place.
+fn has_ended(job: &JobRecord) -> Fault {
+    let ended = format!("the job has ended already: it is {}", job.state);
+    let fault = |detail| Fault::new(FaultKind::WrongState, detail).with("job_status", job.state.as_str());
+    match job.continued_by {
+        Some(next) => fault(format!("{ended}; job {next} goes on with a better setting: cancel that one"))
+            .with("continued_by", next.to_string()),
+        None => fault(ended),
+    }
+}
+
 fn record(order: Order) -> JobRecord {
     JobRecord {
         steps: order.steps,
@@ -123,8 +134,7 @@ impl Service {
         for look in 0.. {
             let job = self.job(id).await?;
             if job.state.has_ended() {
-                let detail = format!("the job has ended already: it is {}", job.state);
-                return Err(Fault::new(FaultKind::WrongState, detail).with("job_status", job.state.as_str()));
+                return Err(has_ended(&job));
             }
             if let Some(running) = self.running(id) {
                 if running.request_cancel() {

@@ -34,7 +34,7 @@ pub struct SceneSolved {
 
 /// The numerics behind the service.
 ///
-/// Every method is a function of its arguments: an implementation may cache results and rebuilds identical ones. All methods
+/// Every method but [`Engine::has_tissue`] is a function of its arguments: an implementation may cache results and rebuilds identical ones. All methods
 /// compute for long and must run on the CPU pool.
 pub trait Engine: Debug + Send + Sync {
     /// Extracts skin, skull, air and soft tissue from a CT file.
@@ -107,6 +107,9 @@ pub trait Engine: Debug + Send + Sync {
     /// # Errors
     /// [`Halt`].
     fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt>;
+
+    /// Whether the tissue mesh is at hand, so that nothing need be built.
+    fn has_tissue(&self, request: &TissueRequest) -> bool;
 
     /// The skin at rest that a solve moves: that of the case, or where lips part, with its triangles cut along the mouth.
     ///

@@ -291,6 +291,10 @@ impl Engine for Numerics {
         Ok(self.tissue_of(case, request, control)?.report.clone())
     }
 
+    fn has_tissue(&self, request: &TissueRequest) -> bool {
+        self.recent.contains(TISSUES, &request.key)
+    }
+
     fn skin(&self, run: &Run, control: &Control) -> Result<TriMesh, Halt> {
         if run.tissue.settings.mouth == Mouth::Glued {
             return Ok(run.case.anatomy.skin.clone());
@@ -300,11 +304,7 @@ impl Engine for Numerics {
 
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
         // Measured on a head: rebuilding field and mesh takes about as long as a quarter of the path.
-        let shares = if self.recent.get::<TissueModel>(TISSUES, &run.tissue.key).is_some() {
-            [0.0, 0.02, 0.03]
-        } else {
-            [0.1, 0.15, 0.25]
-        };
+        let shares = if self.has_tissue(&run.tissue) { [0.0, 0.02, 0.03] } else { [0.1, 0.15, 0.25] };
         watch.stage("field");
         self.fields_of(&run.case, &control.stage(0.0, shares[0]))?;
         watch.stage("cut");

@@ -40,6 +40,12 @@ impl Recent {
         value.downcast().ok()
     }
 
+    /// Whether there is a result under `key`.
+    pub(super) fn contains(&self, kind: &'static str, key: &str) -> bool {
+        let entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        entries.iter().any(|e| e.kind == kind && e.key == key)
+    }
+
     /// Stores `value` of about `bytes` and evicts the least recently used results above the limit.
     ///
     /// The new result stays, however large it is, because it is in use.

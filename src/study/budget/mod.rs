@@ -171,7 +171,7 @@ fn demand_of(row: &Row) -> Demand {
     Demand {
         displacement_mm: row.displacement_mm,
         steps: row.steps,
-        mesh: Some(KnownMesh { edge_mm: row.edge_mm, nodes: row.nodes, wall_s: row.mesh_s }),
+        mesh: Some(KnownMesh { edge_mm: row.edge_mm, nodes: row.nodes, wall_s: row.mesh_s, is_kept: true }),
         max_edge_mm: f64::INFINITY,
         edge_mm: None,
         locking: None,

@@ -150,6 +150,10 @@ impl Engine for StandIn {
         })
     }
 
+    fn has_tissue(&self, _: &TissueRequest) -> bool {
+        false
+    }
+
     fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<Warning>), Halt> {
         control.report(0.5);
         self.planted()?;

@@ -4,7 +4,7 @@ use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
 use uuid::Uuid;
 
 use crate::http::problem::ProblemDocument;
-use prosopon_contract::{Fault, Findings, WarningDocument};
+use prosopon_contract::{BudgetDocument, Fault, Findings, WarningDocument};
 use prosopon_jobs::{JobStatus, phase_names};
 use prosopon_store::{JobId, JobKind, JobRecord, JobState};
 
@@ -47,6 +47,9 @@ pub struct JobView {
     /// Id of the newer job that replaced this one in the queue.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub superseded_by: Option<Uuid>,
+    /// What `auto` chose for the `budget` of a solve, before the solve; the report's `budget` has what it took.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub budget: Option<BudgetDocument>,
     /// Id of the job that missed the error of its `budget` and that this one continues with a better setting.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub continues: Option<Uuid>,
@@ -89,6 +92,7 @@ impl JobView {
             attempt: record.attempt,
             cancel_requested_at: record.cancel_requested_at.clone(),
             superseded_by: record.superseded_by.map(JobId::uuid),
+            budget: budget(record),
             continues: record.continues.map(JobId::uuid),
             continued_by: record.continued_by.map(JobId::uuid),
             residuals: Vec::new(),
@@ -119,6 +123,16 @@ impl From<&JobStatus> for JobView {
 /// The stored warnings of a row.
 fn findings(stored: &[String]) -> Findings {
     stored.iter().map(|text| WarningDocument::from_row(text)).collect()
+}
+
+/// The budget of a solve as it was chosen.
+fn budget(record: &JobRecord) -> Option<BudgetDocument> {
+    #[derive(Deserialize)]
+    struct Chosen {
+        budget: Option<BudgetDocument>,
+    }
+    let solve = (record.kind == JobKind::Solve).then(|| serde_json::from_str::<Chosen>(&record.request).ok());
+    solve.flatten().and_then(|chosen| chosen.budget)
 }
 
 /// Paths of a job's results so far.

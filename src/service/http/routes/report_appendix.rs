@@ -8,7 +8,8 @@ use serde_json::Value;
 use super::report_plan::segment_name;
 use super::report_table::{Table, mm, region, sentence};
 use prosopon_contract::{
-    AttachedDocument, LeftOutDocument, MeshDocument, ReportDocument, StepDocument, TissueDocument,
+    AttachedDocument, BudgetDocument, ExpectedDocument, LeftOutDocument, LockingName, MeshDocument, ReportDocument,
+    StepDocument, TissueDocument,
 };
 
 /// Number of steps in the table, the last ones; the JSON report has all.
@@ -20,6 +21,8 @@ pub(super) struct Appendix {
     parameters: Table,
     /// Sentences on mesh and attachment.
     mesh: Vec<String>,
+    /// What was asked of error and time, and what came of it.
+    budget: Option<Table>,
     steps: Table,
     times: Table,
     inputs: Table,
@@ -31,6 +34,7 @@ pub(super) fn appendix(r: &ReportDocument, names: &BTreeMap<u32, String>) -> App
     Appendix {
         parameters: Table::new("Model and materials", &["setting", "value"], parameters(r)),
         mesh: mesh(r, names),
+        budget: r.budget.as_ref().map(budget),
         steps: steps(&r.steps),
         times: times(r),
         inputs: inputs(r),
@@ -45,7 +49,6 @@ fn parameters(r: &ReportDocument) -> Vec<Vec<String>> {
         let text = if name == "cuts" { cut_names(value) } else { setting(value) };
         rows.extend(text.map(|text| vec![name.clone(), text]));
     }
-    rows.extend(r.budget.iter().map(|b| vec!["why these settings".to_owned(), sentence(&b.why)]));
     rows
 }
 
@@ -131,6 +134,33 @@ fn left_out(l: &LeftOutDocument) -> String {
         l.of_nodes,
         mm(l.border_mm)
     )
+}
+
+fn budget(b: &BudgetDocument) -> Table {
+    let setting = |edge_mm: f64, locking: LockingName| format!("{edge_mm} mm edges, locking {}", locking.as_str());
+    let cost = |e: &ExpectedDocument| format!("about {} mm in {} s", mm(e.error_mm), e.wall_s);
+    let row = |name: &str, text: String| vec![name.to_owned(), text];
+    let mut rows = Vec::new();
+    rows.extend(b.asked.max_error_mm.map(|most| row("error asked for", format!("at most {most} mm"))));
+    rows.extend(b.within_s.map(|most| row("time for mesh and path", format!("at most {most} s"))));
+    rows.push(row("chosen", setting(b.chosen.edge_mm, b.chosen.locking)));
+    rows.push(row("why", sentence(&b.why)));
+    rows.push(row("expected", cost(&b.expected)));
+    let estimated = b.estimated.map_or_else(|| "not known".to_owned(), |e| format!("{} mm", mm(e.error_mm)));
+    rows.push(row("error estimated afterwards", estimated));
+    rows.extend(b.spent_s.map(|s| row("time taken", format!("{s:.1} s"))));
+    rows.extend(b.tried.iter().map(|t| {
+        let tried = setting(t.chosen.edge_mm, t.chosen.locking);
+        row("tried before", format!("{tried}: {} mm in {:.1} s", mm(t.estimated.error_mm), t.spent_s))
+    }));
+    rows.extend(b.continued_by.map(|job| row("goes on in job", job.to_string())));
+    rows.extend(
+        b.alternatives
+            .iter()
+            .map(|a| row("alternative", format!("{}: {}", setting(a.edge_mm, a.locking), cost(&a.expected)))),
+    );
+    let note = "The error is that of the computation, not how far the patient's face will be from the prediction.";
+    Table::new("Budget of error and time", &["quantity", "value"], rows).with_notes([note.to_owned()])
 }
 
 fn steps(steps: &[StepDocument]) -> Table {

@@ -23,14 +23,14 @@ pub(super) struct Spent {
 
 /// The further job after a solve that missed the error of its budget, or had none, if a better setting is expected to end in time.
 ///
-/// Names it in `budget`, and returns it with a note.
+/// Names it in `budget`, and returns it with a note that says what follows; nothing where the budget asks for no more.
 pub(super) fn go_on(
     context: &Context,
     parts: &SessionParts,
     task: &SolveTask,
     budget: &mut BudgetDocument,
     spent: Spent,
-) -> Result<Option<(Continuation, Warning)>, Fault> {
+) -> Result<Option<(Option<Continuation>, Warning)>, Fault> {
     let (Some(estimated), Some(spent_s)) = (budget.estimated, budget.spent_s) else { return Ok(None) };
     let asked_mm = budget.asked.max_error_mm;
     if !budget.asked.go_on || asked_mm.is_some_and(|asked| estimated.error_mm <= asked) {
@@ -49,11 +49,11 @@ pub(super) fn go_on(
     let budget_s = budget.asked.max_wall_s.map(|most| most - tried_s);
     let limits = Limits { error_mm: asked_mm, wall_s: job_s.into_iter().chain(budget_s).reduce(f64::min) };
     let edge_mm = task.mesh.settings.edge_mm;
-    let known = KnownMesh { edge_mm, nodes: spent.nodes, wall_s: spent.mesh_s };
+    let known = KnownMesh { edge_mm, nodes: spent.nodes, wall_s: spent.mesh_s, is_kept: true };
     let demand = demand_of(&task.request, &task.mesh, &task.plan, task.given, Some(known));
     let solved =
         Tried { edge_mm, locking: budget.chosen.locking.into(), error_mm: estimated.error_mm, path_s: spent.path_s };
-    let Some(choice) = choose_after(&solved, &demand, limits) else { return Ok(None) };
+    let Some(choice) = choose_after(&solved, &demand, limits) else { return Ok(Some((None, ends(limits.wall_s)))) };
 
     let mesh = MeshChoice {
         settings: MeshRequest { edge_mm: choice.chosen.edge_mm, ..task.mesh.settings.clone() },
@@ -61,7 +61,7 @@ pub(super) fn go_on(
     };
     let locking: LockingName = choice.chosen.locking.into();
     let request = SolveRequest { locking: Some(locking), max_wall_s: job_s, ..task.request.clone() };
-    let document = BudgetDocument::new(budget.asked, &choice, request.solved_model(), request.steps());
+    let document = BudgetDocument::new(budget.asked, limits.wall_s, &choice, request.solved_model(), request.steps());
     let next = SolveTask {
         mesh_key: parts.mesh_key(&mesh.settings, mesh.cuts.as_deref())?,
         mesh,
@@ -83,5 +83,14 @@ pub(super) fn go_on(
     let message =
         format!("job {} goes on with {} mm edges and `locking` {}", job.id, choice.chosen.edge_mm, locking.as_str());
     let note = Warning::info("budget-continued", message);
-    Ok(Some((Box::new((job, status_event(JobState::Accepted, 0))), note)))
+    Ok(Some((Some(Box::new((job, status_event(JobState::Accepted, 0)))), note)))
+}
+
+/// The note that nothing follows.
+fn ends(left_s: Option<f64>) -> Warning {
+    let in_time = left_s.map_or_else(String::new, |s| format!(" within the {:.0} s that are left", s.max(0.0)));
+    Warning::info(
+        "budget-ended",
+        format!("no further job follows: no clearly better setting is expected to end{in_time}"),
+    )
 }

@@ -78,7 +78,7 @@ impl Estimating {
             let action = if budget.alternatives.is_empty() {
                 "Leave `mesh` and `locking` out, so that other settings can be chosen, or ask for less."
             } else {
-                "See `budget.alternatives` of the report for settings that are more accurate or faster."
+                "See the alternatives of the report's `budget`, which are more accurate or faster."
             };
             warnings.push(Warning::check("budget-missed", missed).act(action));
         }

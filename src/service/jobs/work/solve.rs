@@ -1,5 +1,5 @@
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc;
 
@@ -67,10 +67,11 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     let unmeasured = (!request.plan.measured).then(|| (case.clone(), cuts.clone(), request.plan.clone()));
     let goes_on = before.as_ref().map(|before| before.checkpoint.clone());
     let run = Run { case, cuts, tissue, plan, settings, after, checkpoint: goes_on };
-    let (run, rest) = context
+    let (run, rest, beforehand) = context
         .compute(move |engine, control| {
+            let (was_built, begin) = (engine.has_tissue(&run.tissue), Instant::now());
             let rest = encode_mesh(&engine.skin(&run, &control.without_progress())?);
-            Ok((run, rest))
+            Ok((run, rest, Beforehand { was_built, mesh_s: begin.elapsed().as_secs_f64() }))
         })
         .await
         .map_err(|halt| context.cuts_of(Some(request.osteotomy_id), "/plan", halt))?;
@@ -81,7 +82,7 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
 
     let (sender, receiver) = mpsc::channel(2);
     let beginning = Beginning { before, compared };
-    let extras = Extras { tissue: request.request.wants_tissue(), reference, estimating };
+    let extras = Extras { tissue: request.request.wants_tissue(), beforehand, reference, estimating };
     let computing = compute(context, run, extras, beginning, sender);
     let (solved, written) = tokio::join!(computing, write_steps(context, receiver));
     // A failed write cancels the solver, so report the reason of the write.
@@ -111,7 +112,7 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
         warnings.push(Warning::check("material-not-used", message).act(action).into());
     }
     let mesh_s = match (parts.get(PartKind::Mesh), &solved.mesh) {
-        (Some(part), _) if part.key == request.mesh_key => part.wall_s,
+        (Some(part), _) if part.key == request.mesh_key && beforehand.was_built => part.wall_s,
         (_, Some((_, wall_s))) => *wall_s,
         (_, None) => 0.0,
     };
@@ -123,7 +124,7 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
         }
         _ => None,
     };
-    let continuation = continuation.map(|(job, note)| {
+    let continuation = continuation.and_then(|(job, note)| {
         warnings.push(note.into());
         job
     });
@@ -147,10 +148,20 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     Ok(Done { report, tissue, warnings, continuation })
 }
 
+/// The tissue mesh before the path: where lips part, the skin at rest needs it.
+#[derive(Debug, Clone, Copy)]
+struct Beforehand {
+    /// Whether it was at hand.
+    was_built: bool,
+    /// Time until the skin at rest was known, s.
+    mesh_s: f64,
+}
+
 /// What is computed besides the steps.
 struct Extras {
     /// Whether the deformed tissue is kept.
     tissue: bool,
+    beforehand: Beforehand,
     reference: Option<Reference>,
     estimating: Option<Estimating>,
 }
@@ -174,7 +185,7 @@ fn estimating(parts: &SessionParts, request: &SolveTask, budget: BudgetDocument)
 async fn compute(
     context: &Context,
     run: Run,
-    Extras { tissue, reference, estimating }: Extras,
+    Extras { tissue, beforehand, reference, estimating }: Extras,
     beginning: Beginning,
     steps: mpsc::Sender<FinishedStep>,
 ) -> Result<Solved, Halt> {
@@ -194,7 +205,8 @@ async fn compute(
             let solved = if estimating.is_some() { BEFORE_ESTIMATE } else { SOLVING };
             let outcome = engine.solve(&run, &control.stage(0.0, solved), &mut watch)?;
             let solving = watch.solving + watch.step_began.elapsed();
-            let (mut warnings, mesh) = (watch.warnings, watch.mesh);
+            let mesh = watch.mesh.map(|(report, wall_s)| (report, beforehand.mesh_s + wall_s));
+            let mut warnings = watch.warnings;
             let last = watch.last.as_ref();
             let clinical = match last.map(|skin| engine.clinical(&run, skin, &control.stage(solved, solved))) {
                 Some(Ok(clinical)) => Some(clinical),

@@ -129,6 +129,17 @@ fn a_request_has_one_host_and_a_refused_upload_ends_its_connection() {
         format!("PUT /v1/sessions/{unknown}/skin HTTP/1.1\r\nHost: localhost\r\nContent-Length: 90000000\r\n\r\nsolid");
     let refused = answer_to(&server, upload.as_bytes());
     assert!(refused.starts_with("HTTP/1.1 404") && refused.contains("\r\nconnection: close\r\n"), "{refused}");
+    // The same of a client that sends nothing before it is asked to.
+    let waiting = upload.replace("\r\n\r\nsolid", "\r\nExpect: 100-continue\r\n\r\n");
+    let refused = answer_to(&server, waiting.as_bytes());
+    assert!(refused.starts_with("HTTP/1.1 404") && !refused.contains("100 Continue"), "{refused}");
+    // A client that sends everything before it reads gets the reason too, before any handler is asked.
+    let session = server.session();
+    let mut whole = format!("PUT {session}/skin?colour=red HTTP/1.1\r\nHost: localhost\r\n").into_bytes();
+    whole.extend(b"Content-Length: 30000000\r\n\r\n");
+    whole.resize(whole.len() + 30_000_000, 0);
+    let refused = answer_to(&server, &whole);
+    assert!(refused.starts_with("HTTP/1.1 400") && refused.contains("colour"), "{refused}");
 }
 
 #[test]

@@ -93,18 +93,7 @@ class Types:
             own["required"] += part.get("required", [])
         for reference in references:
             self.define(reference)
-        unions = [r for r in references if "oneOf" in self.schemas[r]]
-        if not unions:
-            return self.define_object(name, own, references)
-        # A union cannot be a base: each of its members gets the further members.
-        branches = []
-        for branch in self.schemas[unions[0]]["oneOf"]:
-            properties = {**branch["properties"], **own["properties"]}
-            tag = "".join(word.title() for word in branch["properties"]["event"]["enum"][0].split("_"))
-            branches.append("%s%s" % (tag, name))
-            merged = {"properties": properties, "required": branch["required"] + own["required"]}
-            self.define_object(branches[-1], {**merged, "description": branch["description"]}, [])
-        self.alias(name, "Union[\n    %s,\n]" % ",\n    ".join(branches), own)
+        self.define_object(name, own, references)
 
     def define_object(self, name, schema, bases):
         properties, required = schema.get("properties", {}), schema.get("required", [])

@@ -58,7 +58,7 @@ fn with_bounds(routes: Router, state: AppState) -> Router {
         .layer(middleware::cors(&state.origins))
         .layer(from_fn_with_state(state.clone(), middleware::check_host))
         .layer(from_fn_with_state(state.tls, middleware::security_headers))
-        .layer(from_fn(middleware::close_refused_upload))
+        .layer(from_fn_with_state(state.limits.upload_idle, middleware::take_whole_body))
         .layer(from_fn(middleware::request_span))
 }
 

@@ -1,8 +1,6 @@
 //! Uploads: raw bodies that stream to disk.
 
-use std::time::Duration;
-
-use axum::body::{Body, BodyDataStream};
+use axum::body::Body;
 use axum::http::{HeaderMap, header};
 use futures::StreamExt;
 
@@ -27,12 +25,10 @@ pub(super) async fn receive(
     let full = || Problem::from(StoreError::QuotaFull { allowed: store.quota() });
     let announced = headers.get(header::CONTENT_LENGTH).and_then(|l| l.to_str().ok()?.parse::<u64>().ok());
     if let Some(length) = announced.filter(|length| *length > max_bytes) {
-        discard(body.into_data_stream(), limits.upload_idle);
         let detail = format!("the upload has {length} bytes, at most {max_bytes} are allowed");
         return Err(Problem(Fault::new(FaultKind::TooLarge, detail).with("allowed_bytes", max_bytes)));
     }
     if announced.is_some_and(|length| length > room) {
-        discard(body.into_data_stream(), limits.upload_idle);
         return Err(full());
     }
     let mut upload = store.blobs().upload(session, max_bytes.min(room)).await?;
@@ -55,13 +51,11 @@ pub(super) async fn receive(
             && let Err(refused) = scan.take(piece.clone()).await
         {
             upload.abort().await;
-            discard(pieces, limits.upload_idle);
             return Err(refused.into());
         }
         if let Err(error) = upload.write(piece).await {
             upload.abort().await;
             let StoreError::TooLarge { .. } = error else { return Err(error.into()) };
-            discard(pieces, limits.upload_idle);
             return Err(if room < max_bytes { full() } else { error.into() });
         }
     }
@@ -74,11 +68,4 @@ pub(super) async fn receive(
     let stored = upload.finish().await?;
     metrics::counter!("prosopon_upload_bytes_total").increment(stored.bytes);
     Ok(stored)
-}
-
-/// Reads and drops the rest of a refused upload for a while.
-///
-/// A client that sends its whole body before it reads then gets the answer and not a closed connection.
-fn discard(mut pieces: BodyDataStream, patience: Duration) {
-    tokio::spawn(tokio::time::timeout(patience, async move { while let Some(Ok(_)) = pieces.next().await {} }));
 }

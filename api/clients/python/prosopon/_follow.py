@@ -10,18 +10,18 @@ from ._problem import Problem, Unreachable
 from ._transport import BROKEN, Transport
 from .types import (
     EndEvent,
-    EndJobEventLine,
+    JobEventLineEnd,
+    JobEventLineProgress,
+    JobEventLineResync,
+    JobEventLineStatus,
+    JobEventLineStep,
+    JobEventLineWarning,
     JobView,
-    ProgressJobEventLine,
-    ResyncJobEventLine,
-    StatusJobEventLine,
-    StepJobEventLine,
-    WarningJobEventLine,
 )
 
 #: An event of a job with its number; heartbeats are left out.
 JobEvent = Union[
-    StatusJobEventLine, ProgressJobEventLine, StepJobEventLine, WarningJobEventLine, ResyncJobEventLine, EndJobEventLine
+    JobEventLineStatus, JobEventLineProgress, JobEventLineStep, JobEventLineWarning, JobEventLineResync, JobEventLineEnd
 ]
 
 _KNOWN = ("status", "progress", "step", "warning", "resync", "end")

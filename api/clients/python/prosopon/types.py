@@ -49,7 +49,6 @@ __all__ = [
     "FreePartDocument",
     "Hinge",
     "HistogramBin",
-    "JobEvent",
     "JobEventLine",
     "JobLinks",
     "JobList",
@@ -247,7 +246,8 @@ class Budget(TypedDict, total=False):
     # Whether a further job with a better setting follows when time is left and the estimated error misses the budget, or the budget has no error; true when absent.
     go_on: bool
     max_error_mm: Optional[float]  # Largest acceptable numerical error, mm, 0.001 to 10.
-    max_wall_s: Optional[float]  # Longest acceptable time of mesh and path, s, at least 1; the job's `max_wall_s` counts too.
+    # Longest acceptable time of mesh and path, s, at least 1; the job's `max_wall_s` counts too, and `within_s` is the shorter.
+    max_wall_s: Optional[float]
 
 
 class _BudgetDocumentRequired(TypedDict):
@@ -267,6 +267,7 @@ class BudgetDocument(_BudgetDocumentRequired, total=False):
     # Time that mesh and path took, s, without error maps and the estimate; absent before the job has ended.
     spent_s: Optional[float]
     tried: List[TriedDocument]  # Jobs that missed the budget before this one, in order.
+    within_s: Optional[float]  # Time within which mesh and path were to end, s; absent where nothing limits it.
 
 
 class CheckMaterial(TypedDict):
@@ -597,60 +598,7 @@ class HistogramBin(TypedDict):
     share: float  # Share of area, 0 to 1.
 
 
-class JobEventStatus(TypedDict):
-    """The status has changed."""
-
-    data: StatusEvent  # The status has changed.
-    event: Literal["status"]  # Name of this variant.
-
-
-class JobEventProgress(TypedDict):
-    """The work has advanced."""
-
-    data: ProgressEvent  # The work has advanced.
-    event: Literal["progress"]  # Name of this variant.
-
-
-class JobEventStep(TypedDict):
-    """A step of a solve is stored."""
-
-    data: StepEvent  # A step of a solve is stored.
-    event: Literal["step"]  # Name of this variant.
-
-
-class JobEventWarning(TypedDict):
-    """A warning was found."""
-
-    data: WarningDocument  # A warning was found.
-    event: Literal["warning"]  # Name of this variant.
-
-
-class JobEventResync(TypedDict):
-    """Earlier events are no longer stored: read the job."""
-
-    data: ResyncEvent  # Earlier events are no longer stored: read the job.
-    event: Literal["resync"]  # Name of this variant.
-
-
-class JobEventEnd(TypedDict):
-    """The job has ended."""
-
-    data: EndEvent  # The job has ended.
-    event: Literal["end"]  # Name of this variant.
-
-
-class JobEventHeartbeat(TypedDict):
-    """Nothing has happened for a while."""
-
-    data: NoData  # Nothing has happened for a while.
-    event: Literal["heartbeat"]  # Name of this variant.
-
-
-# An event of a job; a Server-Sent Event has its name and data.
-JobEvent = Union["JobEventStatus", "JobEventProgress", "JobEventStep", "JobEventWarning", "JobEventResync", "JobEventEnd", "JobEventHeartbeat"]
-
-
-class StatusJobEventLine(TypedDict):
+class JobEventLineStatus(TypedDict):
     """The status has changed."""
 
     data: StatusEvent  # The status has changed.
@@ -658,7 +606,7 @@ class StatusJobEventLine(TypedDict):
     id: int  # Number of the event; a heartbeat has that of the last one.
 
 
-class ProgressJobEventLine(TypedDict):
+class JobEventLineProgress(TypedDict):
     """The work has advanced."""
 
     data: ProgressEvent  # The work has advanced.
@@ -666,7 +614,7 @@ class ProgressJobEventLine(TypedDict):
     id: int  # Number of the event; a heartbeat has that of the last one.
 
 
-class StepJobEventLine(TypedDict):
+class JobEventLineStep(TypedDict):
     """A step of a solve is stored."""
 
     data: StepEvent  # A step of a solve is stored.
@@ -674,7 +622,7 @@ class StepJobEventLine(TypedDict):
     id: int  # Number of the event; a heartbeat has that of the last one.
 
 
-class WarningJobEventLine(TypedDict):
+class JobEventLineWarning(TypedDict):
     """A warning was found."""
 
     data: WarningDocument  # A warning was found.
@@ -682,7 +630,7 @@ class WarningJobEventLine(TypedDict):
     id: int  # Number of the event; a heartbeat has that of the last one.
 
 
-class ResyncJobEventLine(TypedDict):
+class JobEventLineResync(TypedDict):
     """Earlier events are no longer stored: read the job."""
 
     data: ResyncEvent  # Earlier events are no longer stored: read the job.
@@ -690,7 +638,7 @@ class ResyncJobEventLine(TypedDict):
     id: int  # Number of the event; a heartbeat has that of the last one.
 
 
-class EndJobEventLine(TypedDict):
+class JobEventLineEnd(TypedDict):
     """The job has ended."""
 
     data: EndEvent  # The job has ended.
@@ -698,7 +646,7 @@ class EndJobEventLine(TypedDict):
     id: int  # Number of the event; a heartbeat has that of the last one.
 
 
-class HeartbeatJobEventLine(TypedDict):
+class JobEventLineHeartbeat(TypedDict):
     """Nothing has happened for a while."""
 
     data: NoData  # Nothing has happened for a while.
@@ -707,15 +655,7 @@ class HeartbeatJobEventLine(TypedDict):
 
 
 # A line of a stream of events.
-JobEventLine = Union[
-    StatusJobEventLine,
-    ProgressJobEventLine,
-    StepJobEventLine,
-    WarningJobEventLine,
-    ResyncJobEventLine,
-    EndJobEventLine,
-    HeartbeatJobEventLine,
-]
+JobEventLine = Union["JobEventLineStatus", "JobEventLineProgress", "JobEventLineStep", "JobEventLineWarning", "JobEventLineResync", "JobEventLineEnd", "JobEventLineHeartbeat"]
 
 
 class _JobLinksRequired(TypedDict):
@@ -767,6 +707,8 @@ class _JobViewRequired(Findings):
 class JobView(_JobViewRequired, total=False):
     """A job and its current state."""
 
+    # What `auto` chose for the `budget` of a solve, before the solve; the report's `budget` has what it took.
+    budget: Optional[BudgetDocument]
     cancel_requested_at: Optional[str]  # When cancellation was requested (RFC 3339).
     continued_by: Optional[str]  # Id of the job that continues this one with a better setting.
     # Id of the job that missed the error of its `budget` and that this one continues with a better setting.

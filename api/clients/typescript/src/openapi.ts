@@ -1235,7 +1235,7 @@ export interface components {
             max_error_mm?: number | null;
             /**
              * Format: double
-             * @description Longest acceptable time of mesh and path, s, at least 1; the job's `max_wall_s` counts too.
+             * @description Longest acceptable time of mesh and path, s, at least 1; the job's `max_wall_s` counts too, and `within_s` is the shorter.
              *
              *     It does not stop the job, and the estimate of the error comes on top of it. When a further job goes on, the time of the
              *     jobs before counts too.
@@ -1267,6 +1267,13 @@ export interface components {
             tried?: components["schemas"]["TriedDocument"][];
             /** @description Reason for the choice. */
             why: string;
+            /**
+             * Format: double
+             * @description Time within which mesh and path were to end, s; absent where nothing limits it.
+             *
+             *     It is the shorter of the `max_wall_s` of budget and job, less what earlier jobs took.
+             */
+            within_s?: number | null;
         };
         /** @description Request for a stability check of one material. */
         CheckMaterial: {
@@ -1757,8 +1764,8 @@ export interface components {
              */
             share: number;
         };
-        /** @description An event of a job; a Server-Sent Event has its name and data. */
-        JobEvent: {
+        /** @description A line of a stream of events. */
+        JobEventLine: {
             /** @description The status has changed. */
             data: components["schemas"]["StatusEvent"];
             /**
@@ -1766,6 +1773,11 @@ export interface components {
              * @enum {string}
              */
             event: "status";
+            /**
+             * Format: int64
+             * @description Number of the event; a heartbeat has that of the last one.
+             */
+            id: number;
         } | {
             /** @description The work has advanced. */
             data: components["schemas"]["ProgressEvent"];
@@ -1774,6 +1786,11 @@ export interface components {
              * @enum {string}
              */
             event: "progress";
+            /**
+             * Format: int64
+             * @description Number of the event; a heartbeat has that of the last one.
+             */
+            id: number;
         } | {
             /** @description A step of a solve is stored. */
             data: components["schemas"]["StepEvent"];
@@ -1782,6 +1799,11 @@ export interface components {
              * @enum {string}
              */
             event: "step";
+            /**
+             * Format: int64
+             * @description Number of the event; a heartbeat has that of the last one.
+             */
+            id: number;
         } | {
             /** @description A warning was found. */
             data: components["schemas"]["WarningDocument"];
@@ -1790,6 +1812,11 @@ export interface components {
              * @enum {string}
              */
             event: "warning";
+            /**
+             * Format: int64
+             * @description Number of the event; a heartbeat has that of the last one.
+             */
+            id: number;
         } | {
             /** @description Earlier events are no longer stored: read the job. */
             data: components["schemas"]["ResyncEvent"];
@@ -1798,6 +1825,11 @@ export interface components {
              * @enum {string}
              */
             event: "resync";
+            /**
+             * Format: int64
+             * @description Number of the event; a heartbeat has that of the last one.
+             */
+            id: number;
         } | {
             /** @description The job has ended. */
             data: components["schemas"]["EndEvent"];
@@ -1806,6 +1838,11 @@ export interface components {
              * @enum {string}
              */
             event: "end";
+            /**
+             * Format: int64
+             * @description Number of the event; a heartbeat has that of the last one.
+             */
+            id: number;
         } | {
             /** @description Nothing has happened for a while. */
             data: components["schemas"]["NoData"];
@@ -1814,9 +1851,6 @@ export interface components {
              * @enum {string}
              */
             event: "heartbeat";
-        };
-        /** @description A line of a stream of events. */
-        JobEventLine: components["schemas"]["JobEvent"] & {
             /**
              * Format: int64
              * @description Number of the event; a heartbeat has that of the last one.
@@ -1864,6 +1898,7 @@ export interface components {
              * @description How often the job was started.
              */
             attempt: number;
+            budget?: components["schemas"]["BudgetDocument"] | null;
             /**
              * @description When cancellation was requested (RFC 3339).
              *

@@ -1,6 +1,8 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
+use utoipa::openapi::schema::{ObjectBuilder, Schema, SchemaFormat, Type};
+use utoipa::openapi::{KnownFormat, RefOr};
+use utoipa::{PartialSchema, ToSchema};
 use uuid::Uuid;
 
 use super::job::{phases, statuses};
@@ -8,14 +10,41 @@ use crate::http::problem::ProblemDocument;
 use prosopon_contract::{Fault, StepDocument, WarningDocument};
 use prosopon_store::{EventRecord, JobId};
 
+const INT64: SchemaFormat = SchemaFormat::KnownFormat(KnownFormat::Int64);
+
 /// A line of a stream of events.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JobEventLine {
     /// Number of the event; a heartbeat has that of the last one.
     pub id: u64,
     /// The event.
     #[serde(flatten)]
     pub event: JobEvent,
+}
+
+impl PartialSchema for JobEventLine {
+    /// Each variant of [`JobEvent`] with the number: some generators cannot join an object to variants.
+    fn schema() -> RefOr<Schema> {
+        let mut all = JobEvent::schema();
+        if let RefOr::T(Schema::OneOf(events)) = &mut all {
+            events.description = Some("A line of a stream of events.".to_owned());
+            for event in &mut events.items {
+                if let RefOr::T(Schema::Object(event)) = event {
+                    let number = ObjectBuilder::new().schema_type(Type::Integer).format(Some(INT64)).minimum(Some(0));
+                    let number = number.description(Some("Number of the event; a heartbeat has that of the last one."));
+                    event.properties.insert("id".to_owned(), number.into());
+                    event.required.push("id".to_owned());
+                }
+            }
+        }
+        all
+    }
+}
+
+impl ToSchema for JobEventLine {
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        JobEvent::schemas(schemas);
+    }
 }
 
 /// An event of a job; a Server-Sent Event has its name and data.

@@ -6,9 +6,9 @@ mod guard;
 mod hosts;
 mod keep_room;
 mod parameters;
-mod refused_upload;
 mod request_span;
 mod security;
+mod whole_body;
 
 pub(super) use catch_errors::catch_errors;
 pub(super) use compression::{compression, mark_compressed};
@@ -16,6 +16,6 @@ pub(super) use guard::{Audited, guard, is_public};
 pub(super) use hosts::check_host;
 pub(super) use keep_room::keep_room;
 pub(super) use parameters::{KnownParameters, known_parameters_only};
-pub(super) use refused_upload::close_refused_upload;
 pub(super) use request_span::{request_id, request_span};
 pub(super) use security::{cors, security_headers};
+pub(super) use whole_body::take_whole_body;

@@ -50,6 +50,9 @@ enum Command {
     /// Create API keys.
     #[command(subcommand)]
     Auth(operate::AuthCommand),
+    /// Make keys for encryption at rest.
+    #[command(subcommand)]
+    Encryption(operate::EncryptionCommand),
     /// Verify the audit log.
     #[command(subcommand)]
     Audit(operate::AuditCommand),
@@ -87,6 +90,7 @@ pub fn run() -> ExitCode {
         Command::Auth(command) => operate::auth(&command),
         Command::Audit(command) => operate::audit(&command),
         Command::Migrate(arguments) => operate::migrate(&arguments),
+        Command::Encryption(command) => operate::encryption(&command),
         Command::Backup(arguments) => operate::backup(&arguments),
         Command::Scrub(arguments) => operate::scrub_store(&arguments),
         Command::Restore(arguments) => operate::restore_from(&arguments),

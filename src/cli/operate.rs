@@ -7,8 +7,9 @@ use clap::{Args, Subcommand};
 
 use super::CommandResult;
 use super::serve::ServeArguments;
+use prosopon_service::config::encryption_keys;
 use prosopon_service::http::auth::{ApiKey, Scope, Scopes, new_key};
-use prosopon_store::{AuditEntry, BackupReport, DatabaseUrl, back_up, restore, scrub, verify_audit};
+use prosopon_store::{AuditEntry, BackupReport, DatabaseUrl, Keyring, back_up, restore, scrub, verify_audit};
 
 /// Subcommands of `prosopon config`.
 #[derive(Debug, Subcommand)]
@@ -71,6 +72,23 @@ pub(super) struct BackupArguments {
     /// New directory for the backup.
     #[arg(long)]
     out: PathBuf,
+    #[command(flatten)]
+    keys: KeySource,
+}
+
+/// Where the keys of encrypted values are.
+#[derive(Debug, Args)]
+struct KeySource {
+    /// Configuration file of the service, for `[encryption]`; PROSOPON_ENCRYPTION__KEY_FILE and …__KEYS override it.
+    #[arg(long, env = "PROSOPON_CONFIG")]
+    config: Option<PathBuf>,
+}
+
+/// Subcommands of `prosopon encryption`.
+#[derive(Debug, Subcommand)]
+pub(super) enum EncryptionCommand {
+    /// Make a key for blobs and backups: two lines for a key file. Whoever loses it loses the data.
+    Key,
 }
 
 /// Options of `prosopon scrub`, which is for the embedded store; the service itself checks values in a bucket.
@@ -90,6 +108,8 @@ pub(super) struct RestoreArguments {
     /// Data directory to restore into; it must not contain a store.
     #[arg(long, env = "PROSOPON_DATA")]
     data: PathBuf,
+    #[command(flatten)]
+    keys: KeySource,
 }
 
 pub(super) fn config(command: &ConfigCommand) -> CommandResult {
@@ -154,11 +174,20 @@ fn address(text: &str) -> Result<DatabaseUrl, String> {
 }
 
 pub(super) fn backup(arguments: &BackupArguments) -> CommandResult {
-    report_backup(runtime()?.block_on(back_up(&arguments.data, &arguments.out))?)
+    let keys = encryption_keys(arguments.keys.config.as_deref())?;
+    report_backup(runtime()?.block_on(back_up(&arguments.data, &arguments.out, &keys))?)
 }
 
 pub(super) fn restore_from(arguments: &RestoreArguments) -> CommandResult {
-    report_backup(runtime()?.block_on(restore(&arguments.from, &arguments.data))?)
+    let keys = encryption_keys(arguments.keys.config.as_deref())?;
+    report_backup(runtime()?.block_on(restore(&arguments.from, &arguments.data, &keys))?)
+}
+
+pub(super) fn encryption(command: &EncryptionCommand) -> CommandResult {
+    let EncryptionCommand::Key = command;
+    let (key, id) = Keyring::new_key()?;
+    writeln!(std::io::stdout(), "# {id}\n{key}")?;
+    Ok(())
 }
 
 fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
@@ -175,6 +204,9 @@ pub(super) fn scrub_store(arguments: &ScrubArguments) -> CommandResult {
     writeln!(std::io::stdout(), "{} values, {} bytes", found.values, found.bytes)?;
     if found.unsealed > 0 {
         writeln!(std::io::stdout(), "{} of them have no seal: an earlier version wrote them", found.unsealed)?;
+    }
+    for (id, values) in &found.encrypted {
+        writeln!(std::io::stdout(), "{values} of them are encrypted with the key {id}")?;
     }
     whole(&found.damaged, &found.missing)
 }

@@ -10,6 +10,7 @@ mod budget;
 mod crash_recovery;
 mod damaged_values;
 mod deformed_volume;
+mod encryption;
 #[path = "../engines/mod.rs"]
 mod engines;
 mod factor_reuse;

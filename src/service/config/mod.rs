@@ -19,7 +19,7 @@ use crate::http::HttpLimits;
 use crate::http::auth::{ApiKey, AuthSettings};
 use prosopon_contract::chain;
 use prosopon_jobs::ServiceSettings;
-use prosopon_store::{BucketUrl, StoreLocation};
+use prosopon_store::{BucketUrl, Keyring, StoreLocation};
 
 /// PEM files of the TLS certificate chain and private key.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -122,6 +122,14 @@ impl ConfigSource {
     pub fn keys(&self) -> Result<Vec<ApiKey>, ConfigError> {
         read::keys(&self.file, &self.flags)
     }
+}
+
+/// The keys of blobs and backups in a configuration file, if one is named, and in the environment.
+///
+/// # Errors
+/// [`ConfigError`] with one line per fault of the file or of a key.
+pub fn encryption_keys(file: Option<&Path>) -> Result<Keyring, ConfigError> {
+    read::encryption(file)
 }
 
 impl ServeConfig {

@@ -12,7 +12,7 @@ use super::{ConfigError, ConfigSource, ConnectionLimits, ServeConfig, TlsFiles, 
 use crate::http::HttpLimits;
 use crate::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes};
 use prosopon_jobs::ServiceSettings;
-use prosopon_store::{StoreLocation, TenantId};
+use prosopon_store::{Keyring, StoreLocation, TenantId};
 
 const MB: u64 = 1 << 20;
 const DAY_S: u64 = 86_400;
@@ -67,7 +67,7 @@ pub(super) fn read(
     if data.is_none() && !s.faults.iter().any(|f| f.starts_with("data:")) {
         s.faults.push("data: missing; name the directory for sessions and results (--data DIR)".to_owned());
     }
-    config.places = StoreLocation { database: address(s, "database"), blobs: address(s, "blobs") };
+    config.places = StoreLocation { database: address(s, "database"), blobs: address(s, "blobs"), keys: keyring(s) };
     config.threads = s.take("threads", config.threads);
     config.cache_bytes = megabytes(s.take("cache_mb", config.cache_bytes / MB));
     config.allowed_hosts = s.take("allow_host", Names::List(Vec::new())).list();
@@ -99,6 +99,42 @@ pub(super) fn keys(file: &Path, flags: &BTreeMap<&'static str, Value>) -> Result
     let mut faults = std::mem::take(&mut source.faults);
     faults.extend(faults_of(&keys));
     if faults.is_empty() { Ok(keys) } else { Err(ConfigError { faults }) }
+}
+
+/// The keys of blobs and backups in a file, if one is named, and in the environment.
+pub(super) fn encryption(file: Option<&Path>) -> Result<Keyring, ConfigError> {
+    let mut source = Source::new(file, &BTreeMap::new());
+    if let Some(faults) = source.unreadable() {
+        return Err(ConfigError { faults });
+    }
+    let keys = keyring(&mut source);
+    if source.faults.is_empty() { Ok(keys) } else { Err(ConfigError { faults: source.faults }) }
+}
+
+fn keyring(s: &mut Source) -> Keyring {
+    let keys = s.take_hidden::<Names>("encryption.keys", "a list of texts").map(Names::list);
+    let file: Option<PathBuf> = s.take_optional("encryption.key_file");
+    let read = match (keys, &file) {
+        (None, None) => Ok(Keyring::default()),
+        (Some(keys), None) => Keyring::new(keys.iter().map(String::as_str)).map_err(|fault| format!("keys: {fault}")),
+        (None, Some(file)) => std::fs::read_to_string(file)
+            .map_err(|error| error.to_string())
+            .and_then(|text| Keyring::of_file(&text))
+            .map_err(|fault| format!("key_file: {}: {fault}", file.display())),
+        (Some(_), Some(_)) => Err("names `keys` and `key_file`; name one".to_owned()),
+    };
+    match read {
+        Ok(keys) => {
+            if !keys.is_empty() {
+                s.show("# encryption: ids of the keys", &keys.ids().collect::<Vec<_>>());
+            }
+            keys
+        }
+        Err(fault) => {
+            s.faults.push(format!("encryption.{fault}"));
+            Keyring::default()
+        }
+    }
 }
 
 /// An address; its printed form has no password.

@@ -50,6 +50,11 @@ impl From<StoreError> for Fault {
                 let detail = format!("the stored value {key} is damaged: its file was changed or cut off");
                 Self::new(FaultKind::DamagedValue, detail).with("value", key)
             }
+            StoreError::KeyUnknown { id } => {
+                tracing::error!(id, "a stored value is encrypted with a key that was not given");
+                let detail = format!("a stored value is encrypted with the key {id}, which the service does not have");
+                Self::new(FaultKind::Internal, detail)
+            }
             StoreError::Unreachable(_) | StoreError::BucketUnreachable(_) => {
                 tracing::error!(error = chain(&error), "the store cannot be reached");
                 Self::new(FaultKind::StoreUnavailable, format!("{error} now; try again later"))

@@ -138,6 +138,9 @@ impl Service {
         let (found, next) = self.store.scrub(last, SCRUBBED).await?;
         *last = next.unwrap_or_default();
         metrics::counter!("prosopon_values_checked_total").increment(found.values as u64);
+        if found.renewed > 0 {
+            tracing::info!(values = found.renewed, "values were encrypted with the first key");
+        }
         metrics::counter!("prosopon_values_damaged_total")
             .increment((found.damaged.len() + found.missing.len()) as u64);
         for (keys, what) in [(found.damaged, AuditEntry::DAMAGED), (found.missing, AuditEntry::MISSING)] {

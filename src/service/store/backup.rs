@@ -1,21 +1,22 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::{self, Read as _, Write};
-use std::path::{Component, Path, PathBuf};
+use std::io::{self, Write as _};
+use std::path::Path;
 
 use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
-use super::directory::{BLOBS, create_private, is_unfinished, lock, mark_finished, mark_unfinished};
-use super::records::{hex, to_json};
-use super::sqlite::{self, DATABASE, SqliteMeta};
-use super::{MetaStore, StoreError, seal};
+use super::blobs::KEY;
+use super::directory::{BLOBS, create_private, is_unfinished, mark_finished, mark_unfinished};
+use super::measured::{Measured, copy, read};
+use super::records::to_json;
+use super::sqlite::{DATABASE, SqliteMeta};
+use super::{Keyring, MetaStore, StoreError};
 
 /// Lists every file of a backup with its hash.
 ///
 /// It is written last, so a backup without it is incomplete.
-const MANIFEST: &str = "manifest.json";
+pub(super) const MANIFEST: &str = "manifest.json";
 
 /// Attempts at a snapshot while sessions are deleted during the copy.
 const TRIES: usize = 5;
@@ -34,25 +35,35 @@ pub struct BackupReport {
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Manifest {
+pub(super) struct Manifest {
     /// Version of the program that wrote the backup.
     version: String,
     /// SHA-256 and length by path.
-    files: BTreeMap<String, (String, u64)>,
+    pub(super) files: BTreeMap<String, (String, u64)>,
 }
+
+/// Name of the database in a backup that is encrypted.
+pub(super) const ENCRYPTED_DATABASE: &str = "prosopon.sqlite.encrypted";
+/// Directory in the data directory for the database before it is encrypted.
+const SNAPSHOT: &str = "snapshot";
 
 /// Copies the store of a data directory to the new directory `out`, also while the service runs.
 ///
-/// The copy holds the database at one moment and every blob that it names.
+/// The copy holds the database at one moment and every blob that it names. Blobs are copied as they are stored; with `keys` the
+/// database is encrypted too.
 ///
 /// # Errors
 /// [`StoreError::Backup`] when `out` exists or lies in `data`, when `data` has no local store, or when blobs are removed faster
-/// than they are copied; else the store's.
-pub fn back_up<'a>(data: &'a Path, out: &'a Path) -> BoxFuture<'a, Result<BackupReport, StoreError>> {
-    Box::pin(copy_out(data, out))
+/// than they are copied; [`StoreError::KeyUnknown`] when the blobs' key is not among `keys`; else the store's.
+pub fn back_up<'a>(
+    data: &'a Path,
+    out: &'a Path,
+    keys: &'a Keyring,
+) -> BoxFuture<'a, Result<BackupReport, StoreError>> {
+    Box::pin(copy_out(data, out, keys))
 }
 
-async fn copy_out(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
+async fn copy_out(data: &Path, out: &Path, keys: &Keyring) -> Result<BackupReport, StoreError> {
     if out.exists() {
         let why =
             if is_unfinished(out)? { "holds a backup that was interrupted; delete it or" } else { "exists already;" };
@@ -73,7 +84,9 @@ async fn copy_out(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
         let inside = "is inside the data directory and would be lost with it";
         return Err(fault(format!("{} {inside}; name a directory elsewhere", out.display())));
     }
-    let done = copy_store(data, out).await;
+    check_key(&data.join(BLOBS), keys).await?;
+    let done = copy_store(data, out, keys).await;
+    remove_directory(&data.join(SNAPSHOT))?;
     if done.is_err() {
         // An incomplete backup is of no use, and its directory would make the next attempt fail.
         std::fs::remove_dir_all(out).ok();
@@ -81,26 +94,55 @@ async fn copy_out(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
     done
 }
 
-async fn copy_store(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
+/// Checks that the key of a store's blobs, if it has one, is among `keys`.
+pub(super) async fn check_key(blobs: &Path, keys: &Keyring) -> Result<(), StoreError> {
+    match std::fs::read(blobs.join(KEY)) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        known => keys.open(KEY, &known?).await.map(|_| ()),
+    }
+}
+
+pub(super) fn remove_directory(directory: &Path) -> io::Result<()> {
+    match std::fs::remove_dir_all(directory) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
+async fn copy_store(data: &Path, out: &Path, keys: &Keyring) -> Result<BackupReport, StoreError> {
     let meta = SqliteMeta::open_beside(data).await?;
     create_private(&out.join(BLOBS))?;
     mark_unfinished(out)?;
+    // What is not encrypted yet stays with the store.
+    let beside = if keys.is_empty() { out.to_owned() } else { data.join(SNAPSHOT) };
+    create_private(&beside)?;
     let mut copied = Copied::new();
     for _ in 0..TRIES {
         copy_present(data, out, &mut copied)?;
-        let snapshot = out.join(DATABASE);
+        let snapshot = beside.join(DATABASE);
         match std::fs::remove_file(&snapshot) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error.into()),
             _ => {}
         }
         meta.copy_to(&snapshot).await?;
-        let copy = SqliteMeta::open_beside(out).await?;
-        let named = copy.named_blobs().await?;
+        let copy = SqliteMeta::open_beside(&beside).await?;
+        let mut named = copy.named_blobs().await?;
         copy.close().await;
         // Closing the copy empties its write-ahead log, so one file holds the whole database.
+        if data.join(BLOBS).join(KEY).exists() {
+            named.insert(KEY.to_owned());
+        }
         if copy_named(data, out, &named, &mut copied)? {
             meta.close().await;
-            return finish(out, &named, copied);
+            let database = if keys.is_empty() {
+                DATABASE
+            } else {
+                let (mut from, mut to) = (File::open(&snapshot)?, File::create(out.join(ENCRYPTED_DATABASE))?);
+                keys.encrypt_file(ENCRYPTED_DATABASE, &mut from, &mut to)?;
+                to.sync_all()?;
+                ENCRYPTED_DATABASE
+            };
+            return finish(out, &named, copied, database);
         }
     }
     Err(fault("files were removed during the copy; try again when fewer sessions are deleted"))
@@ -115,16 +157,7 @@ fn lies_below(path: &Path, directory: &Path) -> io::Result<bool> {
 }
 
 /// Copied files by their path in the backup.
-type Copied = BTreeMap<String, Read>;
-
-/// What was measured while a file was read.
-#[derive(Debug, PartialEq)]
-struct Read {
-    sha256: String,
-    bytes: u64,
-    /// Whether the content matches its seal.
-    is_whole: bool,
-}
+pub(super) type Copied = BTreeMap<String, Measured>;
 
 /// Copies all blobs that are not copied yet.
 ///
@@ -132,6 +165,9 @@ struct Read {
 fn copy_present(data: &Path, out: &Path, copied: &mut Copied) -> Result<(), StoreError> {
     for session in std::fs::read_dir(data.join(BLOBS))? {
         let session = session?;
+        if !session.file_type()?.is_dir() {
+            continue;
+        }
         let files = match std::fs::read_dir(session.path()) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
             files => files?,
@@ -178,14 +214,14 @@ fn copy_one(data: &Path, out: &Path, key: &str, copied: &mut Copied) -> Result<b
     Ok(true)
 }
 
-fn finish(out: &Path, named: &BTreeSet<String>, mut files: Copied) -> Result<BackupReport, StoreError> {
+fn finish(out: &Path, named: &BTreeSet<String>, mut files: Copied, database: &str) -> Result<BackupReport, StoreError> {
     // Blobs that the snapshot does not name belong to deleted sessions or replaced parts.
     let outdated = |name: &String| name.strip_prefix("blobs/").is_some_and(|key| !named.contains(key));
     for name in files.keys().filter(|name| outdated(name)).cloned().collect::<Vec<_>>() {
         std::fs::remove_file(out.join(&name))?;
         files.remove(&name);
     }
-    files.insert(DATABASE.to_owned(), read(&out.join(DATABASE), DATABASE)?);
+    files.insert(database.to_owned(), read(&out.join(database), database)?);
     let report = report_of(&files);
     let files = files.into_iter().map(|(name, file)| (name, (file.sha256, file.bytes))).collect();
     let manifest = to_json("manifest", &Manifest { version: env!("CARGO_PKG_VERSION").to_owned(), files })?;
@@ -196,131 +232,35 @@ fn finish(out: &Path, named: &BTreeSet<String>, mut files: Copied) -> Result<Bac
     Ok(report)
 }
 
-fn report_of(files: &Copied) -> BackupReport {
+pub(super) fn report_of(files: &Copied) -> BackupReport {
     let damaged = files.iter().filter(|(_, file)| !file.is_whole).map(|(name, _)| key_of(name).to_owned());
     BackupReport { files: files.len(), bytes: files.values().map(|file| file.bytes).sum(), damaged: damaged.collect() }
 }
 
 /// Key of the blob in a file of a backup.
-fn key_of(name: &str) -> &str {
+pub(super) fn key_of(name: &str) -> &str {
     name.strip_prefix("blobs/").unwrap_or(name)
 }
 
-/// Restores a backup into a data directory without a store; checks every file first.
-///
-/// A directory in which an earlier restore was interrupted counts as one without a store.
-///
-/// # Errors
-/// [`StoreError::Backup`] when the backup is incomplete or changed, or when the directory has a store;
-/// [`StoreError::InUse`] when another process has the directory open.
-pub fn restore<'a>(from: &'a Path, data: &'a Path) -> BoxFuture<'a, Result<BackupReport, StoreError>> {
-    Box::pin(copy_back(from, data))
-}
-
-async fn copy_back(from: &Path, data: &Path) -> Result<BackupReport, StoreError> {
-    let text = std::fs::read_to_string(from.join(MANIFEST))
-        .map_err(|e| fault(format!("{} cannot be read: {e}", from.join(MANIFEST).display())))?;
-    let manifest: Manifest =
-        serde_json::from_str(&text).map_err(|e| fault(format!("{MANIFEST} cannot be read: {e}")))?;
-    let mut files = Copied::new();
-    for (name, (sha256, bytes)) in &manifest.files {
-        let path = from.join(safe(name)?);
-        let found = read(&path, key_of(name)).map_err(|e| fault(format!("{name} cannot be read: {e}")))?;
-        if (&found.sha256, &found.bytes) != (sha256, bytes) {
-            return Err(fault(format!("{name} does not match its hash in the manifest: it was changed or cut off")));
-        }
-        files.insert(name.clone(), found);
-    }
-    if !manifest.files.contains_key(DATABASE) {
-        return Err(fault("the manifest lists no database; the backup is incomplete"));
-    }
-    create_private(data)?;
-    let _held = lock(data)?;
-    if is_unfinished(data)? {
-        remove_store(data)?;
-    }
-    if data.join(DATABASE).exists() || data.join(BLOBS).exists() {
-        return Err(fault(format!("{} has a store already; name an empty directory", data.display())));
-    }
-    mark_unfinished(data)?;
-    let done = put_back(from, data, &manifest).await.map(|()| report_of(&files));
-    if done.is_err() {
-        // The directory was empty, so everything removed here came from the backup.
-        remove_store(data)?;
-    }
-    mark_finished(data)?;
-    done
-}
-
-fn remove_store(data: &Path) -> Result<(), StoreError> {
-    sqlite::remove(data)?;
-    match std::fs::remove_dir_all(data.join(BLOBS)) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error.into()),
-        _ => Ok(()),
-    }
-}
-
-async fn put_back(from: &Path, data: &Path, manifest: &Manifest) -> Result<(), StoreError> {
-    // The database comes last: without it the directory counts as empty.
-    let mut files: Vec<&String> = manifest.files.keys().collect();
-    files.sort_by_key(|name| name.as_str() == DATABASE);
-    for name in files {
-        let target = data.join(safe(name)?);
-        if let Some(parent) = target.parent() {
-            create_private(parent)?;
-        }
-        copy(&from.join(name), &target, key_of(name))?;
-    }
-    let check = SqliteMeta::open_beside(data).await?;
-    check.check().await?;
-    // The anchor belongs to the audit log of the original directory, which a backup does not hold.
-    check.clear_audit_anchor().await?;
-    check.close().await;
-    Ok(())
-}
-
-/// The path of a file in the backup; absolute paths and `..` are refused.
-fn safe(name: &str) -> Result<PathBuf, StoreError> {
-    let path = PathBuf::from(name);
-    let plain = path.components().all(|c| matches!(c, Component::Normal(_)));
-    if plain && !name.is_empty() { Ok(path) } else { Err(fault(format!("`{name}` is not a path inside the backup"))) }
-}
-
-fn copy(from: &Path, to: &Path, key: &str) -> io::Result<Read> {
-    let (mut from, mut to) = (File::open(from)?, File::create(to)?);
-    let found = each_piece(&mut from, key, |piece| to.write_all(piece))?;
-    to.sync_all()?;
-    Ok(found)
-}
-
-fn read(path: &Path, key: &str) -> io::Result<Read> {
-    each_piece(&mut File::open(path)?, key, |_| Ok(()))
-}
-
-fn each_piece(file: &mut File, key: &str, mut take: impl FnMut(&[u8]) -> io::Result<()>) -> io::Result<Read> {
-    let (mut hash, mut check, mut bytes, mut piece) = (Sha256::new(), seal::Check::new(), 0, vec![0; 1 << 20]);
-    loop {
-        let n = file.read(&mut piece)?;
-        if n == 0 {
-            return Ok(Read { sha256: hex(&hash.finalize()), bytes, is_whole: check.finds_whole(key) });
-        }
-        let piece = piece.get(..n).unwrap_or_default();
-        hash.update(piece);
-        check.read(piece);
-        bytes += n as u64;
-        take(piece)?;
-    }
-}
-
-fn fault(detail: impl Into<String>) -> StoreError {
+pub(super) fn fault(detail: impl Into<String>) -> StoreError {
     StoreError::Backup { detail: detail.into() }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
+
     use super::*;
     use crate::conformance::{part_with, session};
-    use crate::{PartKind, SessionId, SessionRecord, Store, scrub};
+    use crate::{PartKind, SessionId, SessionRecord, Store, StoreLocation, scrub};
+
+    async fn back_up(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
+        super::back_up(data, out, &Keyring::default()).await
+    }
+
+    async fn restore(from: &Path, data: &Path) -> Result<BackupReport, StoreError> {
+        crate::restore(from, data, &Keyring::default()).await
+    }
 
     async fn put(store: &Store, id: SessionId, bytes: &[u8]) {
         let blob = store.blobs().put(id, bytes.to_vec()).await.unwrap();
@@ -451,5 +391,35 @@ mod tests {
         std::fs::write(out.join(MANIFEST), manifest).unwrap();
         let refused = restore(&out, &directory.path().join("not")).await;
         assert!(matches!(refused, Err(StoreError::Backup { detail }) if detail.contains("escape")));
+    }
+
+    #[tokio::test]
+    async fn a_backup_of_an_encrypted_store_shows_nothing_and_needs_its_key() {
+        let directory = tempfile::tempdir().unwrap();
+        let [data, out, back] = ["data", "out", "back"].map(|n| directory.path().join(n));
+        let keys = Keyring::new([Keyring::new_key().unwrap().0.as_str()]).unwrap();
+        let places = StoreLocation { keys: keys.clone(), ..StoreLocation::default() };
+        let store = Store::open_at(&data, &places).await.unwrap();
+        let kept = SessionRecord { label: Some("a patient's name".to_owned()), ..session("local") };
+        store.insert_session(&kept, None).await.unwrap();
+        put(&store, kept.id, b"a face").await;
+
+        assert!(matches!(back_up(&data, &out).await, Err(StoreError::KeyUnknown { .. })) && !out.exists());
+        let report = super::back_up(&data, &out, &keys).await.unwrap();
+        assert!(report.damaged.is_empty() && !data.join(SNAPSHOT).exists());
+        for name in std::fs::read_dir(&out).unwrap() {
+            let name = name.unwrap();
+            let holds_name = |bytes: &[u8]| bytes.windows(9).any(|w| w == b"a patient");
+            assert!(name.path().is_dir() || !holds_name(&std::fs::read(name.path()).unwrap()), "{name:?}");
+        }
+        assert!(matches!(restore(&out, &back).await, Err(StoreError::KeyUnknown { .. })) && !back.exists());
+        assert_eq!(crate::restore(&out, &back, &keys).await.unwrap(), report);
+        assert!(matches!(Store::open(&back).await, Err(StoreError::KeyUnknown { .. })));
+        let restored = Store::open_at(&back, &places).await.unwrap();
+        assert_eq!(restored.session(kept.id).await.unwrap().unwrap().label, kept.label);
+        let part = restored.part(kept.id, PartKind::Skin).await.unwrap().unwrap();
+        assert_eq!(restored.blobs().get(&part.blob.unwrap()).await.unwrap().as_ref(), b"a face");
+        let found = scrub(&back).await.unwrap();
+        assert_eq!(found.encrypted, BTreeMap::from([(keys.ids().next().unwrap(), 1)]));
     }
 }

@@ -13,23 +13,21 @@ use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
 use super::directory::Watched;
+use super::encryption::key_id;
 use super::records::hex;
 use super::room::Room;
-use super::{SessionId, StoreError, seal};
-
-/// Key, size and hash of a stored blob.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct BlobInfo {
-    /// Key: `<session>/<uuid>.sealed`.
-    pub key: String,
-    /// Length of the content, bytes.
-    pub bytes: u64,
-    /// SHA-256 of the content, hexadecimal.
-    pub sha256: String,
-}
+use super::seal::{Encryption, Form};
+use super::upload::Place;
+use super::{BlobInfo, Keyring, SessionId, StoreError, Upload, seal};
 
 /// Key of the object that holds the name of the database that owns the bucket or directory.
 const NAME: &str = "belongs-to";
+
+/// Key of the object that shows with which key blobs are encrypted: nothing, encrypted with it.
+pub(super) const KEY: &str = "encrypted-with";
+
+/// Bytes that are encrypted before other tasks get a turn.
+const TURN: usize = 1 << 20;
 
 /// Longest wait of a caller for a removal, which continues in the background.
 const REMOVED: Duration = Duration::from_secs(2);
@@ -42,8 +40,8 @@ pub struct Blobs {
     objects: Arc<dyn ObjectStore>,
     /// Directory of the files, where unfinished uploads are found; `None` for other object stores.
     root: Option<Arc<FsPath>>,
-    watched: Option<Arc<Watched>>,
-    room: Arc<Room>,
+    place: Place,
+    keys: Keyring,
 }
 
 impl fmt::Debug for Blobs {
@@ -60,18 +58,40 @@ impl Blobs {
         Ok(Self {
             objects: Arc::new(local),
             root: Some(Arc::from(root)),
-            watched: Some(Arc::new(watched)),
-            room: Arc::default(),
+            place: Place { watched: Some(Arc::new(watched)), room: Arc::default() },
+            keys: Keyring::default(),
         })
     }
 
     pub(super) fn over(objects: Arc<dyn ObjectStore>) -> Self {
-        Self { objects, root: None, watched: None, room: Arc::default() }
+        Self { objects, root: None, place: Place::default(), keys: Keyring::default() }
     }
 
     /// The same blobs with `room` on the disk of their directory; others keep no room.
     pub(super) fn with_room(self, room: Arc<Room>) -> Self {
-        if self.root.is_some() { Self { room, ..self } } else { self }
+        if self.root.is_some() { Self { place: Place { room, ..self.place }, ..self } } else { self }
+    }
+
+    /// The same blobs, encrypted with the first of `keys`; the others decrypt older ones.
+    ///
+    /// # Errors
+    /// [`StoreError::KeyUnknown`] when blobs are encrypted with a key that is not among them.
+    pub(super) async fn with_keys(self, keys: Keyring) -> Result<Self, StoreError> {
+        let of_key = Path::from(KEY);
+        let blobs = Self { keys, ..self };
+        let known = match blobs.objects.get(&of_key).await {
+            Err(object_store::Error::NotFound { .. }) => None,
+            found => Some(found?.bytes().await?),
+        };
+        if let Some(known) = &known {
+            blobs.keys.open(KEY, known).await?;
+        }
+        let Some(encrypting) = blobs.keys.encrypt(KEY)? else { return Ok(blobs) };
+        if known.as_deref().and_then(key_id) != blobs.keys.first_id() {
+            blobs.check_directory()?;
+            blobs.objects.put(&of_key, PutPayload::from(encrypting.end()?)).await?;
+        }
+        Ok(blobs)
     }
 
     pub(super) fn root(&self) -> Option<&FsPath> {
@@ -80,7 +100,7 @@ impl Blobs {
 
     /// Checks that the directory of the files is still the one that was opened; a write would make it anew.
     pub(super) fn check_directory(&self) -> Result<(), StoreError> {
-        self.watched.as_ref().map_or(Ok(()), |watched| watched.check())
+        self.place.check_directory()
     }
 
     /// The name of the database that owns this bucket or directory, if it is recorded.
@@ -113,14 +133,45 @@ impl Blobs {
     /// [`StoreError::Blob`].
     pub async fn put(&self, session: SessionId, bytes: Vec<u8>) -> Result<BlobInfo, StoreError> {
         let key = fresh_key(session);
-        let hash = Sha256::digest(&bytes);
-        let info = BlobInfo { key: key.to_string(), bytes: bytes.len() as u64, sha256: hex(&hash) };
-        let seal = Bytes::from_owner(seal::seal(&info.key, &hash));
+        let length = bytes.len() as u64;
+        let hash = self.store(&key, bytes.into()).await?;
+        Ok(BlobInfo { key: key.to_string(), bytes: length, sha256: hex(&hash) })
+    }
+
+    /// Stores `content` under `key`, whatever was there; returns its SHA-256.
+    async fn store(&self, key: &Path, content: Bytes) -> Result<[u8; 32], StoreError> {
+        let hash = Sha256::digest(&content);
+        let (stored, seal) = match self.keys.encrypt(key.as_ref())? {
+            None => {
+                let seal = seal::seal(key.as_ref(), &hash, Form::Plain);
+                (content, seal)
+            }
+            Some(mut encrypting) => {
+                let mut stored = Vec::with_capacity(content.len() + content.len() / 1000 + 1024);
+                for part in content.chunks(TURN) {
+                    stored.extend(encrypting.add(part)?);
+                    // A large value takes long: other tasks get a turn.
+                    tokio::task::yield_now().await;
+                }
+                stored.extend(encrypting.end()?);
+                let seal = seal::seal(key.as_ref(), &Sha256::digest(&stored), Form::Encrypted);
+                (stored.into(), seal)
+            }
+        };
+        self.place.check()?;
+        self.objects.put(key, PutPayload::from_iter([stored, Bytes::from_owner(seal)])).await?;
         self.check_directory()?;
-        self.room.check()?;
-        self.objects.put(&key, PutPayload::from_iter([Bytes::from(bytes), seal])).await?;
-        self.check_directory()?;
-        Ok(info)
+        Ok(hash.into())
+    }
+
+    /// Stores a blob again that is not encrypted as new ones are; false when it is.
+    pub(super) async fn renew(&self, key: &str, found: &Encryption) -> Result<bool, StoreError> {
+        let first = self.keys.first_id().map(|id| hex(&id));
+        if first.is_none() || *found == first || !seal::is_sealed(key) {
+            return Ok(false);
+        }
+        self.store(&Path::from(key), self.get(key).await?).await?;
+        Ok(true)
     }
 
     /// Begins a blob that arrives in pieces and may grow to `max_bytes`.
@@ -131,10 +182,10 @@ impl Blobs {
     /// [`StoreError::Blob`].
     pub async fn upload(&self, session: SessionId, max_bytes: u64) -> Result<Upload, StoreError> {
         let key = fresh_key(session);
-        self.check_directory()?;
-        self.room.check()?;
+        self.place.check()?;
         let writer = WriteMultipart::new(self.objects.put_multipart(&key).await?);
-        Ok(Upload { blobs: self.clone(), key, writer, hash: Sha256::new(), bytes: 0, max_bytes })
+        let encrypting = self.keys.encrypt(key.as_ref())?.map(|encrypting| (encrypting, Sha256::new()));
+        Ok(Upload { place: self.place.clone(), key, writer, hash: Sha256::new(), encrypting, bytes: 0, max_bytes })
     }
 
     /// The whole content of a blob, checked against its seal.
@@ -142,23 +193,28 @@ impl Blobs {
     /// A part of a blob cannot be read, because it could not be checked.
     ///
     /// # Errors
-    /// [`StoreError::Damaged`], [`StoreError::Blob`].
+    /// [`StoreError::Damaged`], [`StoreError::KeyUnknown`], [`StoreError::Blob`].
     pub async fn get(&self, key: &str) -> Result<Bytes, StoreError> {
-        seal::open(key, self.objects.get(&Path::from(key)).await?.bytes().await?).await
+        let stored = self.objects.get(&Path::from(key)).await?.bytes().await?;
+        match seal::open(key, stored).await? {
+            (content, Form::Plain) => Ok(content),
+            (encrypted, Form::Encrypted) => Ok(self.keys.open(key, &encrypted).await?.into()),
+        }
     }
 
-    /// Reads a blob in pieces and checks its seal; returns its stored length, bytes.
+    /// Reads a blob in pieces and checks its seal; returns its stored length, bytes, and its encryption.
     ///
     /// # Errors
     /// As [`Blobs::get`].
-    pub(super) async fn check(&self, key: &str) -> Result<u64, StoreError> {
+    pub(super) async fn check(&self, key: &str) -> Result<(u64, Encryption), StoreError> {
         let mut pieces = self.objects.get(&Path::from(key)).await?.into_stream();
         let (mut check, mut bytes) = (seal::Check::new(), 0);
         while let Some(piece) = pieces.try_next().await? {
             bytes += piece.len() as u64;
             check.read(&piece);
         }
-        if check.finds_whole(key) { Ok(bytes) } else { Err(StoreError::Damaged { key: key.to_owned() }) }
+        let encryption = check.finds(key).ok_or_else(|| StoreError::Damaged { key: key.to_owned() })?;
+        Ok((bytes, encryption))
     }
 
     /// Removes a blob that no row names any more.
@@ -275,60 +331,6 @@ fn fresh_key(session: SessionId) -> Path {
     Path::from(format!("{session}/{}{}", Uuid::now_v7(), seal::SEALED))
 }
 
-/// A blob that is being uploaded in pieces.
-pub struct Upload {
-    blobs: Blobs,
-    key: Path,
-    writer: WriteMultipart,
-    hash: Sha256,
-    bytes: u64,
-    max_bytes: u64,
-}
-
-impl fmt::Debug for Upload {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Upload").field("key", &self.key).field("bytes", &self.bytes).finish_non_exhaustive()
-    }
-}
-
-impl Upload {
-    /// Appends a piece; waits while the object store is slower than the sender.
-    ///
-    /// # Errors
-    /// [`StoreError::TooLarge`] when the upload exceeds its limit, else [`StoreError::Blob`].
-    pub async fn write(&mut self, piece: Bytes) -> Result<(), StoreError> {
-        self.bytes += piece.len() as u64;
-        if self.bytes > self.max_bytes {
-            return Err(StoreError::TooLarge { allowed: self.max_bytes });
-        }
-        self.blobs.room.check()?;
-        self.hash.update(&piece);
-        self.writer.wait_for_capacity(4).await?;
-        self.writer.put(piece);
-        Ok(())
-    }
-
-    /// Completes the blob and makes it visible.
-    ///
-    /// # Errors
-    /// [`StoreError::Blob`].
-    pub async fn finish(mut self) -> Result<BlobInfo, StoreError> {
-        let (key, hash) = (self.key.to_string(), self.hash.finalize());
-        self.writer.put(Bytes::from_owner(seal::seal(&key, &hash)));
-        self.blobs.check_directory()?;
-        self.writer.finish().await?;
-        self.blobs.check_directory()?;
-        Ok(BlobInfo { key, bytes: self.bytes, sha256: hex(&hash) })
-    }
-
-    /// Aborts the upload and removes what was written.
-    pub async fn abort(self) {
-        if let Err(error) = self.writer.abort().await {
-            tracing::warn!(%error, "an unfinished upload could not be removed");
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -380,5 +382,70 @@ mod tests {
         assert_eq!(blobs.remove_files(&half).await.unwrap(), 1);
         assert_eq!(blobs.get(&kept.key).await.unwrap().as_ref(), b"kept");
         assert_eq!(files_below(directory.path()), 1);
+    }
+
+    fn ring(keys: &[u8]) -> Keyring {
+        let texts: Vec<String> = keys.iter().map(|key| hex(&[*key; 32])).collect();
+        Keyring::new(texts.iter().map(String::as_str)).unwrap()
+    }
+
+    /// Whether any file below `root` contains `text`.
+    fn is_on_disk(root: &FsPath, text: &[u8]) -> bool {
+        std::fs::read_dir(root).unwrap().map(|e| e.unwrap().path()).any(|p| {
+            if p.is_dir() {
+                is_on_disk(&p, text)
+            } else {
+                std::fs::read(p).unwrap().windows(text.len()).any(|w| w == text)
+            }
+        })
+    }
+
+    #[tokio::test]
+    async fn values_are_encrypted_and_the_key_can_be_changed() {
+        const FACE: &[u8] = b"a recognisable face";
+        let directory = tempfile::tempdir().unwrap();
+        let open = async |keys: &[u8]| Blobs::in_directory(directory.path()).unwrap().with_keys(ring(keys)).await;
+        let session = SessionId::new();
+        let plain = open(&[]).await.unwrap().put(session, FACE.to_vec()).await.unwrap();
+        // Content that looks encrypted.
+        let odd =
+            open(&[]).await.unwrap().put(session, b"PROSENC1 and so on, longer than a header".to_vec()).await.unwrap();
+        assert!(is_on_disk(directory.path(), FACE));
+
+        let blobs = open(&[1]).await.unwrap();
+        let put = blobs.put(session, FACE.to_vec()).await.unwrap();
+        let mut upload = blobs.upload(session, 1000).await.unwrap();
+        for piece in FACE.chunks(7) {
+            upload.write(Bytes::copy_from_slice(piece)).await.unwrap();
+        }
+        let sent = upload.finish().await.unwrap();
+        assert_eq!((&sent.sha256, sent.bytes), (&put.sha256, put.bytes));
+        assert_eq!((put.sha256.as_str(), put.bytes), (sha256_hex(FACE).as_str(), FACE.len() as u64));
+        for info in [&plain, &put, &sent] {
+            assert_eq!(blobs.get(&info.key).await.unwrap().as_ref(), FACE);
+        }
+        assert!(blobs.get(&odd.key).await.unwrap().starts_with(b"PROSENC1"));
+
+        for wrong in [&[][..], &[2]] {
+            assert!(matches!(open(wrong).await, Err(StoreError::KeyUnknown { .. })));
+        }
+        let both = open(&[2, 1]).await.unwrap();
+        for info in [&plain, &odd, &put, &sent] {
+            let (_, encryption) = both.check(&info.key).await.unwrap();
+            assert!(both.renew(&info.key, &encryption).await.unwrap());
+            let (_, encryption) = both.check(&info.key).await.unwrap();
+            assert!(!both.renew(&info.key, &encryption).await.unwrap());
+        }
+        assert!(!is_on_disk(directory.path(), FACE));
+        let renewed = open(&[2]).await.unwrap();
+        for info in [&plain, &put, &sent] {
+            assert_eq!(renewed.get(&info.key).await.unwrap().as_ref(), FACE);
+        }
+        let file = directory.path().join(&put.key);
+        let mut damaged = std::fs::read(&file).unwrap();
+        damaged[40] ^= 1;
+        std::fs::write(file, damaged).unwrap();
+        assert!(matches!(renewed.get(&put.key).await, Err(StoreError::Damaged { .. })));
+        assert!(matches!(renewed.check(&put.key).await, Err(StoreError::Damaged { .. })));
     }
 }

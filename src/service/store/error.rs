@@ -49,6 +49,15 @@ pub enum StoreError {
         /// Its key.
         key: String,
     },
+    /// Values are encrypted with a key that is not among those given.
+    #[error(
+        "its values are encrypted with the key {id}, which is not among the keys given: add it to `encryption.keys` or to the \
+         file that `encryption.key_file` names"
+    )]
+    KeyUnknown {
+        /// Id of the key, hexadecimal.
+        id: String,
+    },
     /// A file of the data directory cannot be read or written.
     #[error("its files cannot be read or written")]
     Io(#[from] std::io::Error),

@@ -11,18 +11,25 @@ use object_store::prefix::PrefixStore;
 use object_store::{BackoffConfig, ObjectStore, RetryConfig};
 use sqlx::postgres::PgConnectOptions;
 
-use super::{StoreError, postgres};
+use super::{Keyring, StoreError, postgres};
 
-/// Where a store keeps rows and blobs; `None` means in the data directory.
+/// Where a store keeps rows and blobs (`None` means in the data directory), and how.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StoreLocation {
     /// Database of the rows.
     pub database: Option<DatabaseUrl>,
     /// Bucket of the blobs.
     pub blobs: Option<BucketUrl>,
+    /// Keys of the blobs; with none they are stored as they are.
+    pub keys: Keyring,
 }
 
 impl StoreLocation {
+    /// Whether rows and blobs are in the data directory.
+    pub(super) fn is_local(&self) -> bool {
+        self.database.is_none() && self.blobs.is_none()
+    }
+
     /// Description for messages, without the password.
     #[must_use]
     pub fn with_directory(&self, data: &FsPath) -> String {

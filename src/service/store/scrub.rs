@@ -1,8 +1,10 @@
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use futures::future::BoxFuture;
 
 use super::directory::BLOBS;
+use super::seal::Encryption;
 use super::sqlite::{DATABASE, SqliteMeta};
 use super::{Blobs, MetaStore, Store, StoreError, seal};
 
@@ -15,6 +17,10 @@ pub struct ScrubReport {
     pub bytes: u64,
     /// Number of blobs without a seal, from versions that wrote none; damage in them cannot be found.
     pub unsealed: usize,
+    /// Number of encrypted blobs by the id of their key.
+    pub encrypted: BTreeMap<String, usize>,
+    /// Number of blobs that were stored again because they were not encrypted with the first key.
+    pub renewed: usize,
     /// Keys of blobs that do not match their seal.
     pub damaged: Vec<String>,
     /// Keys of blobs that a row names and that do not exist.
@@ -47,6 +53,8 @@ pub fn scrub(data: &Path) -> BoxFuture<'_, Result<ScrubReport, StoreError>> {
 impl Store {
     /// Reads and checks the blobs with keys after `after`, until `most_bytes` bytes are read.
     ///
+    /// Those that are not encrypted with the first key of the store are stored again.
+    ///
     /// Returns the findings and the last key; `None` instead of the key after the last blob.
     ///
     /// # Errors
@@ -59,7 +67,9 @@ impl Store {
                 is_end = false;
                 break;
             }
-            read_through(self.blobs(), &key, &mut report).await?;
+            if let Some(encryption) = read_through(self.blobs(), &key, &mut report).await? {
+                report.renewed += usize::from(self.encrypt_again(&key, &encryption).await?);
+            }
             last = Some(key);
         }
         if !report.missing.is_empty() {
@@ -69,16 +79,31 @@ impl Store {
         }
         Ok((report, last.filter(|_| !is_end)))
     }
+
+    async fn encrypt_again(&self, key: &str, encryption: &Encryption) -> Result<bool, StoreError> {
+        match self.blobs().renew(key, encryption).await {
+            // Deleted meanwhile, or no room now: the next round sees it again.
+            Err(StoreError::BlobGone { .. } | StoreError::NoRoom { .. }) => Ok(false),
+            done => done,
+        }
+    }
 }
 
-async fn read_through(blobs: &Blobs, key: &str, report: &mut ScrubReport) -> Result<(), StoreError> {
+/// Adds a blob to the report; returns its encryption if it is whole.
+async fn read_through(blobs: &Blobs, key: &str, report: &mut ScrubReport) -> Result<Option<Encryption>, StoreError> {
     report.values += 1;
     report.unsealed += usize::from(!seal::is_sealed(key));
     match blobs.check(key).await {
-        Ok(bytes) => report.bytes += bytes,
+        Ok((bytes, encryption)) => {
+            report.bytes += bytes;
+            if let Some(id) = &encryption {
+                *report.encrypted.entry(id.clone()).or_default() += 1;
+            }
+            return Ok(Some(encryption));
+        }
         Err(StoreError::Damaged { .. }) => report.damaged.push(key.to_owned()),
         Err(StoreError::BlobGone { .. }) => report.missing.push(key.to_owned()),
         Err(error) => return Err(error),
     }
-    Ok(())
+    Ok(None)
 }

@@ -6,12 +6,17 @@ use bytes::Bytes;
 use sha2::{Digest, Sha256};
 
 use super::StoreError;
+use super::encryption::{HEADER, key_id};
+use super::records::hex;
 
 /// Suffix of the keys of sealed blobs. Blobs of earlier formats of the store have no seal.
 pub(super) const SEALED: &str = ".sealed";
 
 /// Length of a seal, bytes.
 pub(super) const LENGTH: usize = 32;
+
+/// Id of the key of a blob; `None` for one that is not encrypted.
+pub(super) type Encryption = Option<String>;
 
 /// Bytes that are hashed before other tasks get a turn.
 const PIECE: usize = 1 << 20;
@@ -20,18 +25,36 @@ pub(super) fn is_sealed(key: &str) -> bool {
     key.ends_with(SEALED)
 }
 
-/// The seal of the blob `key` whose content has the SHA-256 `content`.
-pub(super) fn seal(key: &str, content: &[u8]) -> [u8; LENGTH] {
-    Sha256::new().chain_update(key.as_bytes()).chain_update(content).finalize().into()
+/// How the content of a blob is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    Plain,
+    Encrypted,
 }
 
-/// Checks the seal of a stored blob and returns its content.
+/// The seal of the blob `key` of which what stands before the seal has the SHA-256 `stored`.
+///
+/// It tells encrypted content from plain content that looks like it. What is encrypted is checked without its key.
+pub(super) fn seal(key: &str, stored: &[u8], form: Form) -> [u8; LENGTH] {
+    let hash = match form {
+        Form::Plain => Sha256::new(),
+        Form::Encrypted => Sha256::new_with_prefix("encrypted "),
+    };
+    hash.chain_update(key.as_bytes()).chain_update(stored).finalize().into()
+}
+
+/// The form in which a seal fits; `None` when it fits in none.
+fn form_of(key: &str, stored: &[u8], found: &[u8]) -> Option<Form> {
+    [Form::Plain, Form::Encrypted].into_iter().find(|form| found == seal(key, stored, *form))
+}
+
+/// Checks the seal of a stored blob; returns what stands before the seal, and its form.
 ///
 /// # Errors
 /// [`StoreError::Damaged`].
-pub(super) async fn open(key: &str, stored: Bytes) -> Result<Bytes, StoreError> {
+pub(super) async fn open(key: &str, stored: Bytes) -> Result<(Bytes, Form), StoreError> {
     if !is_sealed(key) {
-        return Ok(stored);
+        return Ok((stored, Form::Plain));
     }
     let damaged = || StoreError::Damaged { key: key.to_owned() };
     let length = stored.len().checked_sub(LENGTH).ok_or_else(damaged)?;
@@ -42,24 +65,27 @@ pub(super) async fn open(key: &str, stored: Bytes) -> Result<Bytes, StoreError> 
         // A large blob takes long: other tasks get a turn.
         tokio::task::yield_now().await;
     }
-    let is_whole = stored.get(length..) == Some(seal(key, &hash.finalize()).as_slice());
-    if is_whole { Ok(content) } else { Err(damaged()) }
+    let form = form_of(key, &hash.finalize(), &stored.slice(length..)).ok_or_else(damaged)?;
+    Ok((content, form))
 }
 
 /// Checks the seal of a blob that is read in pieces.
 #[derive(Debug)]
 pub(super) struct Check {
     hash: Sha256,
+    /// The first bytes, which name the key of encrypted content.
+    head: Vec<u8>,
     /// The last bytes so far, which may be the seal.
     tail: Vec<u8>,
 }
 
 impl Check {
     pub(super) fn new() -> Self {
-        Self { hash: Sha256::new(), tail: Vec::new() }
+        Self { hash: Sha256::new(), head: Vec::new(), tail: Vec::new() }
     }
 
     pub(super) fn read(&mut self, piece: &[u8]) {
+        self.head.extend(piece.iter().take(HEADER.saturating_sub(self.head.len())));
         self.tail.extend_from_slice(piece);
         let content = self.tail.len().saturating_sub(LENGTH);
         self.hash.update(self.tail.drain(..content).as_slice());
@@ -67,7 +93,18 @@ impl Check {
 
     /// Whether everything read is the blob `key`; always true for a blob without a seal.
     pub(super) fn finds_whole(self, key: &str) -> bool {
-        !is_sealed(key) || self.tail == seal(key, &self.hash.finalize())
+        self.finds(key).is_some()
+    }
+
+    /// The form of the blob `key`, with the id of the key of encrypted content; `None` unless everything read is that blob.
+    pub(super) fn finds(self, key: &str) -> Option<Encryption> {
+        if !is_sealed(key) {
+            return Some(None);
+        }
+        match form_of(key, &self.hash.finalize(), &self.tail)? {
+            Form::Plain => Some(None),
+            Form::Encrypted => key_id(&self.head).map(|id| Some(hex(&id))),
+        }
     }
 }
 
@@ -76,7 +113,7 @@ mod tests {
     use super::*;
 
     fn sealed(key: &str, content: &[u8]) -> Vec<u8> {
-        [content, &seal(key, &Sha256::digest(content))].concat()
+        [content, &seal(key, &Sha256::digest(content), Form::Plain)].concat()
     }
 
     #[tokio::test]
@@ -90,7 +127,7 @@ mod tests {
                 stored.chunks(33).for_each(|piece| check.read(piece));
                 check.finds_whole(key)
             };
-            assert_eq!(open(KEY, stored.clone().into()).await.unwrap(), content);
+            assert_eq!(open(KEY, stored.clone().into()).await.unwrap(), (Bytes::copy_from_slice(content), Form::Plain));
             assert!(check(&stored, KEY));
             let mut faults = vec![stored[..stored.len() - 1].to_vec(), stored[1..].to_vec(), Vec::new()];
             for at in [0, stored.len() / 2, stored.len() - 1] {

@@ -27,7 +27,11 @@ pub(crate) fn operations(site: &Site) -> Vec<Row> {
             for clients in [1, 2, 4, 8] {
                 let directory = tempfile::tempdir().unwrap();
                 let database = (engine == "shared").then_some(site.cluster.fresh_database().await);
-                let places = StoreLocation { database: database.map(|d| d.parse().unwrap()), blobs: None };
+                let places = StoreLocation {
+                    database: database.map(|d| d.parse().unwrap()),
+                    blobs: None,
+                    ..StoreLocation::default()
+                };
                 let store = Store::open_at(directory.path(), &places).await.unwrap();
                 let mut all = measure(&store, clients).await;
                 for _ in 1..ROUNDS {

@@ -53,7 +53,8 @@ async fn try_open_shared(
 ) -> Result<Store, StoreError> {
     let bucket: BucketUrl = bucket.parse().unwrap();
     let objects = bucket.open_with(server.client()).unwrap();
-    let places = StoreLocation { database: Some(database.parse().unwrap()), blobs: Some(bucket) };
+    let places =
+        StoreLocation { database: Some(database.parse().unwrap()), blobs: Some(bucket), ..StoreLocation::default() };
     Store::open_over(directory, &places, Some(objects)).await
 }
 

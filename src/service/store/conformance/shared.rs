@@ -61,7 +61,8 @@ async fn a_bucket_of_other_rows_is_refused_before_anything_in_it_is_removed() {
 #[tokio::test]
 async fn files_of_a_directory_stay_when_its_rows_are_named_elsewhere_or_no_more() {
     let database = fresh_database().await;
-    let elsewhere = StoreLocation { database: Some(database.parse().unwrap()), blobs: None };
+    let elsewhere =
+        StoreLocation { database: Some(database.parse().unwrap()), blobs: None, ..StoreLocation::default() };
     for (first, then) in [(StoreLocation::default(), elsewhere.clone()), (elsewhere, StoreLocation::default())] {
         let directory = tempfile::tempdir().unwrap();
         let store = Store::open_at(directory.path(), &first).await.unwrap();
@@ -214,7 +215,7 @@ async fn what_is_written_again_after_a_lost_answer_stays() {
 async fn calls_that_are_broken_off_leave_no_transaction_behind() {
     let database = fresh_database().await;
     let directories = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let places = StoreLocation { database: Some(database.parse().unwrap()), blobs: None };
+    let places = StoreLocation { database: Some(database.parse().unwrap()), blobs: None, ..StoreLocation::default() };
     let store = Store::open_at(directories[0].path(), &places).await.unwrap();
     let other = Store::open_at(directories[1].path(), &places).await.unwrap();
     let id = add_session(&store, "a").await.id;
@@ -337,7 +338,11 @@ async fn databases_of_other_formats_are_refused() {
     let refused = database.parse::<DatabaseUrl>().unwrap().migrate().await;
     assert!(matches!(refused, Err(StoreError::ForeignTables)), "{refused:?}");
     let data = tempfile::tempdir().unwrap();
-    let away = StoreLocation { database: Some("postgres://127.0.0.1:1/none".parse().unwrap()), blobs: None };
+    let away = StoreLocation {
+        database: Some("postgres://127.0.0.1:1/none".parse().unwrap()),
+        blobs: None,
+        ..StoreLocation::default()
+    };
     let refused = Store::open_at(data.path(), &away).await;
     assert!(matches!(refused, Err(StoreError::Unreachable(_))), "{refused:?}");
 }

@@ -35,7 +35,7 @@ impl Store {
     ///
     /// # Errors
     /// As [`Store::open`]; [`StoreError::Unreachable`], [`StoreError::ForeignTables`], [`StoreError::Bucket`],
-    /// [`StoreError::BucketUnreachable`], [`StoreError::ForeignBlobs`].
+    /// [`StoreError::BucketUnreachable`], [`StoreError::ForeignBlobs`], [`StoreError::KeyUnknown`].
     pub fn open_at<'a>(directory: &'a Path, places: &'a StoreLocation) -> LocalBoxFuture<'a, Result<Self>> {
         Box::pin(async move {
             let objects = places.blobs.as_ref().map(BucketUrl::open).transpose()?;
@@ -72,10 +72,11 @@ impl Store {
         let directories = rows.into_iter().chain(blobs.root().map(Path::to_owned)).collect();
         let room = Arc::new(Room { directories, ..Room::default() });
         let blobs = blobs.with_room(Arc::clone(&room));
-        let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), watched: watched.into(), room };
+        let mut store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), watched: watched.into(), room };
         store.check_belonging(directory, places).await?;
+        store.blobs = store.blobs.with_keys(places.keys.clone()).await?;
         // In a shared store another process may be about to name a blob that it has stored, so only a local store is swept.
-        if *places == StoreLocation::default() {
+        if places.is_local() {
             let swept = store.sweep(Duration::ZERO).await?;
             if swept > 0 {
                 tracing::info!(files = swept, "removed blobs that no row names");
@@ -94,7 +95,7 @@ impl Store {
             || places.blobs.as_ref().map_or_else(|| directory.join(BLOBS).display().to_string(), ToString::to_string);
         let refused = |detail| Err(StoreError::ForeignBlobs { place: at(), detail });
         let mut found = self.blobs.name().await?;
-        if found.is_none() && *places == StoreLocation::default() {
+        if found.is_none() && places.is_local() {
             return Ok(());
         }
         let name = self.meta.name(&Uuid::now_v7().to_string()).await?;

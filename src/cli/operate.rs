@@ -79,7 +79,7 @@ pub(super) struct BackupArguments {
 /// Where the keys of encrypted values are.
 #[derive(Debug, Args)]
 struct KeySource {
-    /// Configuration file of the service, for `[encryption]`; PROSOPON_ENCRYPTION__KEY_FILE and …__KEYS override it.
+    /// Configuration file of the service, for `[encryption]`; PROSOPON_ENCRYPTION__KEY_FILE and …__KEYS are read too.
     #[arg(long, env = "PROSOPON_CONFIG")]
     config: Option<PathBuf>,
 }
@@ -175,12 +175,12 @@ fn address(text: &str) -> Result<DatabaseUrl, String> {
 
 pub(super) fn backup(arguments: &BackupArguments) -> CommandResult {
     let keys = encryption_keys(arguments.keys.config.as_deref())?;
-    report_backup(runtime()?.block_on(back_up(&arguments.data, &arguments.out, &keys))?)
+    report_backup(runtime()?.block_on(back_up(&arguments.data, &arguments.out, &keys))?, !keys.is_empty())
 }
 
 pub(super) fn restore_from(arguments: &RestoreArguments) -> CommandResult {
     let keys = encryption_keys(arguments.keys.config.as_deref())?;
-    report_backup(runtime()?.block_on(restore(&arguments.from, &arguments.data, &keys))?)
+    report_backup(runtime()?.block_on(restore(&arguments.from, &arguments.data, &keys))?, !keys.is_empty())
 }
 
 pub(super) fn encryption(command: &EncryptionCommand) -> CommandResult {
@@ -194,8 +194,12 @@ fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_current_thread().enable_all().build()
 }
 
-fn report_backup(report: BackupReport) -> CommandResult {
+fn report_backup(report: BackupReport, encrypted: bool) -> CommandResult {
     writeln!(std::io::stdout(), "{} files, {} bytes", report.files, report.bytes)?;
+    if encrypted && report.plain > 0 {
+        let plain = report.plain;
+        writeln!(std::io::stdout(), "{plain} values are not encrypted: the service has not stored them again yet")?;
+    }
     whole(&report.damaged, &[])
 }
 

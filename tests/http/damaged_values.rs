@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use axum::http::StatusCode;
+use prosopon_jobs::Scrubbed;
 use serde_json::{Value, json};
 
 use crate::support::app::TestApp;
@@ -106,7 +107,7 @@ async fn damaged_surfaces_of_a_ct_are_rebuilt_with_a_warning() {
 async fn a_scrub_records_damaged_and_missing_values_in_the_audit_log() {
     let app = TestApp::new().await;
     let session = app.session_with_surfaces().await;
-    let mut last = String::new();
+    let mut last = Scrubbed::default();
     app.state.service.scrub(&mut last).await.unwrap();
     let notes = || -> Vec<Value> {
         let audit = std::fs::read_dir(app.directory().join("audit")).unwrap().next().unwrap().unwrap();

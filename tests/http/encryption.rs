@@ -52,7 +52,7 @@ fn a_store_needs_its_key_and_a_backup_shows_nothing() {
     key_file("keys", &new);
     refused(&with_config(), "encrypted with the key");
     std::fs::write(&config, "[encryption]\nkey_file = \"a\"\nkeys = [\"b\"]\n").unwrap();
-    refused(&with_config(), "name one");
+    refused(&with_config(), "not both");
     key_file("keys", b"# nothing\n");
     refused(&with_config(), "it has no key");
     key_file("keys", &old);

@@ -116,12 +116,17 @@ fn keyring(s: &mut Source) -> Keyring {
     let file: Option<PathBuf> = s.take_optional("encryption.key_file");
     let read = match (keys, &file) {
         (None, None) => Ok(Keyring::default()),
+        (Some(keys), None) if keys.is_empty() => {
+            Err("keys: has no key; leave `encryption` out to store values as they are".to_owned())
+        }
         (Some(keys), None) => Keyring::new(keys.iter().map(String::as_str)).map_err(|fault| format!("keys: {fault}")),
         (None, Some(file)) => std::fs::read_to_string(file)
             .map_err(|error| error.to_string())
             .and_then(|text| Keyring::of_file(&text))
             .map_err(|fault| format!("key_file: {}: {fault}", file.display())),
-        (Some(_), Some(_)) => Err("names `keys` and `key_file`; name one".to_owned()),
+        (Some(_), Some(_)) => {
+            Err("keys: give it or `key_file`, not both, be it in the file or in the environment".to_owned())
+        }
     };
     match read {
         Ok(keys) => {

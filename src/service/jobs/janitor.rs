@@ -15,7 +15,7 @@ const SCRUBBED: u64 = 256 << 20;
 
 /// Runs the maintenance rounds until the service stops.
 pub(super) async fn run_maintenance(service: Arc<Service>) {
-    let mut scrubbed = String::new();
+    let mut scrubbed = Scrubbed::default();
     loop {
         let kept = async {
             if service.store.claims_maintenance(service.settings.janitor_every).await? {
@@ -32,6 +32,15 @@ pub(super) async fn run_maintenance(service: Arc<Service>) {
             () = service.stop.cancelled() => return,
         }
     }
+}
+
+/// How far all blobs are checked.
+#[derive(Debug, Default)]
+pub struct Scrubbed {
+    /// Key of the last one.
+    last: String,
+    /// Number of those so far that are not encrypted with the first key.
+    left: usize,
 }
 
 /// Time between two updates of the stored end of the audit log.
@@ -127,16 +136,26 @@ impl Service {
         self.note(entry, true);
     }
 
-    /// Reads and checks up to 256 MiB of the blobs with keys after `last`.
+    /// Reads and checks up to 256 MiB of the next blobs, from the first one again after the last.
     ///
-    /// Sets `last` to the last key read, or to the empty string at the end of all. Reports damaged and missing blobs in the log,
-    /// the audit log and the metrics.
+    /// Those that are not encrypted with the first key are stored again. Reports damaged and missing blobs in the log, the audit
+    /// log and the metrics.
     ///
     /// # Errors
     /// The store's.
-    pub async fn scrub(&self, last: &mut String) -> Result<(), Fault> {
-        let (found, next) = self.store.scrub(last, SCRUBBED).await?;
-        *last = next.unwrap_or_default();
+    pub async fn scrub(&self, so_far: &mut Scrubbed) -> Result<(), Fault> {
+        let (found, next) = self.store.scrub(&so_far.last, SCRUBBED).await?;
+        so_far.left += found.left;
+        match next {
+            Some(last) => so_far.last = last,
+            None => {
+                if so_far.left == 0 {
+                    self.store.forget_other_keys().await?;
+                }
+                *so_far = Scrubbed::default();
+            }
+        }
+        metrics::gauge!("prosopon_values_with_other_keys").set(so_far.left as f64);
         metrics::counter!("prosopon_values_checked_total").increment(found.values as u64);
         if found.renewed > 0 {
             tracing::info!(values = found.renewed, "values were encrypted with the first key");

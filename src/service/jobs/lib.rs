@@ -38,6 +38,7 @@ pub use budget::demand_of;
 pub use cpu_pool::{CpuPool, Panicked};
 pub use feed::EventFeed;
 pub use frame::SkinFrame;
+pub use janitor::Scrubbed;
 pub use order::Order;
 pub use requests::{
     CompareTask, EarlierSolve, FieldTask, Given, ImportRequest, MeshChoice, MeshTask, SceneTask, SolveTask,

@@ -54,7 +54,7 @@ impl Default for ServiceSettings {
             parallel_jobs: 1,
             computes_jobs: true,
             runs_maintenance: true,
-            lease: Duration::from_secs(15),
+            lease: Duration::from_secs(3),
             max_attempts: 2,
             memory_mb: allowed_mb(),
             max_wall: Duration::from_secs(2 * 3600),

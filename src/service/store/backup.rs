@@ -1,13 +1,13 @@
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{self, Write as _};
 use std::path::Path;
 
 use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
-use super::blobs::KEY;
 use super::directory::{BLOBS, create_private, is_unfinished, mark_finished, mark_unfinished};
+use super::key_marks::MARKS;
 use super::measured::{Measured, copy, read};
 use super::records::to_json;
 use super::sqlite::{DATABASE, SqliteMeta};
@@ -28,6 +28,9 @@ pub struct BackupReport {
     pub files: usize,
     /// Total size of the files, bytes.
     pub bytes: u64,
+    /// Number of values that are not encrypted.
+    #[serde(default)]
+    pub plain: usize,
     /// Keys of blobs that do not match their seal: they were damaged before the backup.
     #[serde(default)]
     pub damaged: Vec<String>,
@@ -46,6 +49,8 @@ pub(super) struct Manifest {
 pub(super) const ENCRYPTED_DATABASE: &str = "prosopon.sqlite.encrypted";
 /// Directory in the data directory for the database before it is encrypted.
 const SNAPSHOT: &str = "snapshot";
+/// File that a process locks while it uses that directory.
+const SNAPSHOT_LOCK: &str = "snapshot.lock";
 
 /// Copies the store of a data directory to the new directory `out`, also while the service runs.
 ///
@@ -84,9 +89,12 @@ async fn copy_out(data: &Path, out: &Path, keys: &Keyring) -> Result<BackupRepor
         let inside = "is inside the data directory and would be lost with it";
         return Err(fault(format!("{} {inside}; name a directory elsewhere", out.display())));
     }
-    check_key(&data.join(BLOBS), keys).await?;
+    check_keys(&data.join(BLOBS), keys).await?;
+    let held = (!keys.is_empty()).then(|| hold_snapshot(data)).transpose()?;
     let done = copy_store(data, out, keys).await;
-    remove_directory(&data.join(SNAPSHOT))?;
+    if held.is_some() {
+        remove_directory(&data.join(SNAPSHOT))?;
+    }
     if done.is_err() {
         // An incomplete backup is of no use, and its directory would make the next attempt fail.
         std::fs::remove_dir_all(out).ok();
@@ -94,11 +102,45 @@ async fn copy_out(data: &Path, out: &Path, keys: &Keyring) -> Result<BackupRepor
     done
 }
 
-/// Checks that the key of a store's blobs, if it has one, is among `keys`.
-pub(super) async fn check_key(blobs: &Path, keys: &Keyring) -> Result<(), StoreError> {
-    match std::fs::read(blobs.join(KEY)) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        known => keys.open(KEY, &known?).await.map(|_| ()),
+/// Checks that the keys of a store's blobs are among `keys`.
+pub(super) async fn check_keys(blobs: &Path, keys: &Keyring) -> Result<(), StoreError> {
+    for mark in marks(blobs)? {
+        keys.open(&mark, &std::fs::read(blobs.join(&mark))?).await?;
+    }
+    Ok(())
+}
+
+/// Names of the marks of the keys with which blobs are encrypted.
+fn marks(blobs: &Path) -> io::Result<Vec<String>> {
+    match std::fs::read_dir(blobs.join(MARKS)) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+        marks => marks?.map(|mark| Ok(format!("{MARKS}/{}", mark?.file_name().to_string_lossy()))).collect(),
+    }
+}
+
+/// Holds the directory of the snapshot for one backup.
+fn hold_snapshot(data: &Path) -> Result<File, StoreError> {
+    let held = File::create(data.join(SNAPSHOT_LOCK))?;
+    match held.try_lock() {
+        Ok(()) => Ok(held),
+        Err(TryLockError::WouldBlock) => {
+            Err(fault("another backup of the store is being made; try again when it has ended"))
+        }
+        Err(TryLockError::Error(error)) => Err(error.into()),
+    }
+}
+
+/// Removes the snapshot that a killed backup left in the data directory.
+pub(super) fn remove_old_snapshot(data: &Path) -> Result<(), StoreError> {
+    if !data.join(SNAPSHOT).exists() {
+        return Ok(());
+    }
+    match hold_snapshot(data) {
+        Err(StoreError::Backup { .. }) => Ok(()),
+        held => {
+            let _held = held?;
+            Ok(remove_directory(&data.join(SNAPSHOT))?)
+        }
     }
 }
 
@@ -115,6 +157,9 @@ async fn copy_store(data: &Path, out: &Path, keys: &Keyring) -> Result<BackupRep
     mark_unfinished(out)?;
     // What is not encrypted yet stays with the store.
     let beside = if keys.is_empty() { out.to_owned() } else { data.join(SNAPSHOT) };
+    if !keys.is_empty() {
+        remove_directory(&beside)?;
+    }
     create_private(&beside)?;
     let mut copied = Copied::new();
     for _ in 0..TRIES {
@@ -129,9 +174,7 @@ async fn copy_store(data: &Path, out: &Path, keys: &Keyring) -> Result<BackupRep
         let mut named = copy.named_blobs().await?;
         copy.close().await;
         // Closing the copy empties its write-ahead log, so one file holds the whole database.
-        if data.join(BLOBS).join(KEY).exists() {
-            named.insert(KEY.to_owned());
-        }
+        named.extend(marks(&data.join(BLOBS))?);
         if copy_named(data, out, &named, &mut copied)? {
             meta.close().await;
             let database = if keys.is_empty() {
@@ -234,7 +277,14 @@ fn finish(out: &Path, named: &BTreeSet<String>, mut files: Copied, database: &st
 
 pub(super) fn report_of(files: &Copied) -> BackupReport {
     let damaged = files.iter().filter(|(_, file)| !file.is_whole).map(|(name, _)| key_of(name).to_owned());
-    BackupReport { files: files.len(), bytes: files.values().map(|file| file.bytes).sum(), damaged: damaged.collect() }
+    let is_value = |name: &str| name.strip_prefix("blobs/").is_some_and(|key| !key.starts_with(MARKS));
+    let plain = files.iter().filter(|(name, file)| file.is_plain && is_value(name)).count();
+    BackupReport {
+        files: files.len(),
+        bytes: files.values().map(|file| file.bytes).sum(),
+        plain,
+        damaged: damaged.collect(),
+    }
 }
 
 /// Key of the blob in a file of a backup.
@@ -405,8 +455,17 @@ mod tests {
         put(&store, kept.id, b"a face").await;
 
         assert!(matches!(back_up(&data, &out).await, Err(StoreError::KeyUnknown { .. })) && !out.exists());
+        // What a killed backup leaves goes with the next start, but not while a backup is being made.
+        let held = hold_snapshot(&data).unwrap();
+        std::fs::create_dir(data.join(SNAPSHOT)).unwrap();
+        remove_old_snapshot(&data).unwrap();
+        let second = crate::back_up(&data, &out, &keys).await;
+        assert!(matches!(second, Err(StoreError::Backup { .. })) && data.join(SNAPSHOT).exists());
+        drop(held);
+        remove_old_snapshot(&data).unwrap();
+        assert!(!data.join(SNAPSHOT).exists() && !out.exists());
         let report = super::back_up(&data, &out, &keys).await.unwrap();
-        assert!(report.damaged.is_empty() && !data.join(SNAPSHOT).exists());
+        assert!(report.damaged.is_empty() && report.plain == 0 && !data.join(SNAPSHOT).exists());
         for name in std::fs::read_dir(&out).unwrap() {
             let name = name.unwrap();
             let holds_name = |bytes: &[u8]| bytes.windows(9).any(|w| w == b"a patient");

@@ -13,18 +13,15 @@ use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
 use super::directory::Watched;
-use super::encryption::key_id;
+use super::key_marks::MARKS;
 use super::records::hex;
 use super::room::Room;
 use super::seal::{Encryption, Form};
 use super::upload::Place;
-use super::{BlobInfo, Keyring, SessionId, StoreError, Upload, seal};
+use super::{BlobInfo, Keyring, SessionId, StoreError, Upload, key_marks, seal};
 
 /// Key of the object that holds the name of the database that owns the bucket or directory.
 const NAME: &str = "belongs-to";
-
-/// Key of the object that shows with which key blobs are encrypted: nothing, encrypted with it.
-pub(super) const KEY: &str = "encrypted-with";
 
 /// Bytes that are encrypted before other tasks get a turn.
 const TURN: usize = 1 << 20;
@@ -77,21 +74,16 @@ impl Blobs {
     /// # Errors
     /// [`StoreError::KeyUnknown`] when blobs are encrypted with a key that is not among them.
     pub(super) async fn with_keys(self, keys: Keyring) -> Result<Self, StoreError> {
-        let of_key = Path::from(KEY);
         let blobs = Self { keys, ..self };
-        let known = match blobs.objects.get(&of_key).await {
-            Err(object_store::Error::NotFound { .. }) => None,
-            found => Some(found?.bytes().await?),
-        };
-        if let Some(known) = &known {
-            blobs.keys.open(KEY, known).await?;
-        }
-        let Some(encrypting) = blobs.keys.encrypt(KEY)? else { return Ok(blobs) };
-        if known.as_deref().and_then(key_id) != blobs.keys.first_id() {
-            blobs.check_directory()?;
-            blobs.objects.put(&of_key, PutPayload::from(encrypting.end()?)).await?;
-        }
+        blobs.check_directory()?;
+        key_marks::check_and_mark(blobs.objects.as_ref(), &blobs.keys).await?;
         Ok(blobs)
+    }
+
+    /// Notes that no blob is encrypted with another key than the first.
+    pub(super) async fn forget_other_keys(&self) -> Result<(), StoreError> {
+        self.check_directory()?;
+        key_marks::keep_first(self.objects.as_ref(), &self.keys).await
     }
 
     pub(super) fn root(&self) -> Option<&FsPath> {
@@ -164,14 +156,16 @@ impl Blobs {
         Ok(hash.into())
     }
 
-    /// Stores a blob again that is not encrypted as new ones are; false when it is.
-    pub(super) async fn renew(&self, key: &str, found: &Encryption) -> Result<bool, StoreError> {
+    /// Whether a blob with this encryption is to be encrypted as new ones are.
+    pub(super) fn is_outdated(&self, key: &str, found: &Encryption) -> bool {
         let first = self.keys.first_id().map(|id| hex(&id));
-        if first.is_none() || *found == first || !seal::is_sealed(key) {
-            return Ok(false);
-        }
+        first.is_some() && *found != first && seal::is_sealed(key)
+    }
+
+    /// Stores a blob again, encrypted as new ones are.
+    pub(super) async fn renew(&self, key: &str) -> Result<(), StoreError> {
         self.store(&Path::from(key), self.get(key).await?).await?;
-        Ok(true)
+        Ok(())
     }
 
     /// Begins a blob that arrives in pieces and may grow to `max_bytes`.
@@ -273,7 +267,7 @@ impl Blobs {
         let mut found = Vec::new();
         let mut sessions = tokio::fs::read_dir(root).await?;
         while let Some(session) = sessions.next_entry().await? {
-            if !session.file_type().await?.is_dir() {
+            if !session.file_type().await?.is_dir() || session.file_name() == MARKS {
                 continue;
             }
             let mut files = tokio::fs::read_dir(session.path()).await?;
@@ -432,11 +426,15 @@ mod tests {
         let both = open(&[2, 1]).await.unwrap();
         for info in [&plain, &odd, &put, &sent] {
             let (_, encryption) = both.check(&info.key).await.unwrap();
-            assert!(both.renew(&info.key, &encryption).await.unwrap());
+            assert!(both.is_outdated(&info.key, &encryption));
+            both.renew(&info.key).await.unwrap();
             let (_, encryption) = both.check(&info.key).await.unwrap();
-            assert!(!both.renew(&info.key, &encryption).await.unwrap());
+            assert!(!both.is_outdated(&info.key, &encryption));
         }
         assert!(!is_on_disk(directory.path(), FACE));
+        assert!(matches!(open(&[2]).await, Err(StoreError::KeyUnknown { .. })), "some may still have the old key");
+        both.forget_other_keys().await.unwrap();
+        assert_eq!(both.older_than(Duration::ZERO).await.unwrap().len(), 4);
         let renewed = open(&[2]).await.unwrap();
         for info in [&plain, &put, &sent] {
             assert_eq!(renewed.get(&info.key).await.unwrap().as_ref(), FACE);

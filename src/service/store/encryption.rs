@@ -71,6 +71,7 @@ impl Keyring {
     /// # Errors
     /// As [`Keyring::new`]; a file without a key.
     pub fn of_file(text: &str) -> Result<Self, String> {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let keys = Self::new(text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#')))?;
         if keys.is_empty() {
             Err("it has no key; make one with `prosopon encryption key`".to_owned())
@@ -159,7 +160,10 @@ impl Keyring {
     pub(super) fn decrypt_file(&self, name: &str, from: &mut impl Read, to: &mut impl Write) -> Result<(), StoreError> {
         let damaged = |_| StoreError::Damaged { key: name.to_owned() };
         let mut header = [0; HEADER];
-        from.read_exact(&mut header)?;
+        match from.read_exact(&mut header) {
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Err(damaged(Unspecified)),
+            read => read?,
+        }
         let mut pieces = self.decrypt(name, &header)?;
         let (mut part, mut content) = (vec![0; TURN], Vec::new());
         loop {

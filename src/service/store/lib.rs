@@ -29,6 +29,7 @@ mod grid_blob;
 mod ids;
 mod job;
 mod job_state;
+mod key_marks;
 mod location;
 mod measured;
 mod mesh_blob;

@@ -16,6 +16,8 @@ pub(super) struct Measured {
     pub(super) bytes: u64,
     /// Whether the content matches its seal.
     pub(super) is_whole: bool,
+    /// Whether it has the seal of a value that is not encrypted, or none.
+    pub(super) is_plain: bool,
 }
 
 /// Copies a file and syncs the copy.
@@ -36,7 +38,9 @@ fn each_piece(file: &mut File, key: &str, mut take: impl FnMut(&[u8]) -> io::Res
     loop {
         let n = file.read(&mut piece)?;
         if n == 0 {
-            return Ok(Measured { sha256: hex(&hash.finalize()), bytes, is_whole: check.finds_whole(key) });
+            let found = check.finds(key);
+            let (is_whole, is_plain) = (found.is_some(), found == Some(None));
+            return Ok(Measured { sha256: hex(&hash.finalize()), bytes, is_whole, is_plain });
         }
         let piece = piece.get(..n).unwrap_or_default();
         hash.update(piece);

@@ -5,7 +5,8 @@ use std::path::{Component, Path, PathBuf};
 use futures::future::BoxFuture;
 
 use super::backup::{
-    BackupReport, Copied, ENCRYPTED_DATABASE, MANIFEST, Manifest, check_key, fault, key_of, remove_directory, report_of,
+    BackupReport, Copied, ENCRYPTED_DATABASE, MANIFEST, Manifest, check_keys, fault, key_of, remove_directory,
+    report_of,
 };
 use super::directory::{BLOBS, create_private, is_unfinished, lock, mark_finished, mark_unfinished};
 use super::measured::{copy, read};
@@ -45,7 +46,7 @@ async fn copy_back(from: &Path, data: &Path, keys: &Keyring) -> Result<BackupRep
     if ![DATABASE, ENCRYPTED_DATABASE].iter().any(|name| manifest.files.contains_key(*name)) {
         return Err(fault("the manifest lists no database; the backup is incomplete"));
     }
-    check_key(&from.join(BLOBS), keys).await?;
+    check_keys(&from.join(BLOBS), keys).await?;
     if manifest.files.contains_key(ENCRYPTED_DATABASE) {
         // Before anything is written; the content is dropped.
         keys.decrypt_file(ENCRYPTED_DATABASE, &mut File::open(from.join(ENCRYPTED_DATABASE))?, &mut io::sink())?;

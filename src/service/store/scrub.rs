@@ -21,6 +21,8 @@ pub struct ScrubReport {
     pub encrypted: BTreeMap<String, usize>,
     /// Number of blobs that were stored again because they were not encrypted with the first key.
     pub renewed: usize,
+    /// Number of blobs for which that was not possible.
+    pub left: usize,
     /// Keys of blobs that do not match their seal.
     pub damaged: Vec<String>,
     /// Keys of blobs that a row names and that do not exist.
@@ -67,8 +69,13 @@ impl Store {
                 is_end = false;
                 break;
             }
-            if let Some(encryption) = read_through(self.blobs(), &key, &mut report).await? {
-                report.renewed += usize::from(self.encrypt_again(&key, &encryption).await?);
+            if let Some(encryption) = read_through(self.blobs(), &key, &mut report).await?
+                && self.blobs().is_outdated(&key, &encryption)
+            {
+                match self.encrypt_again(&key).await? {
+                    true => report.renewed += 1,
+                    false => report.left += 1,
+                }
             }
             last = Some(key);
         }
@@ -80,12 +87,30 @@ impl Store {
         Ok((report, last.filter(|_| !is_end)))
     }
 
-    async fn encrypt_again(&self, key: &str, encryption: &Encryption) -> Result<bool, StoreError> {
-        match self.blobs().renew(key, encryption).await {
-            // Deleted meanwhile, or no room now: the next round sees it again.
-            Err(StoreError::BlobGone { .. } | StoreError::NoRoom { .. }) => Ok(false),
-            done => done,
+    /// Stores a blob again with the first key; false when that is not possible now.
+    async fn encrypt_again(&self, key: &str) -> Result<bool, StoreError> {
+        match self.blobs().renew(key).await {
+            Ok(()) => {}
+            Err(StoreError::BlobGone { .. }) => return Ok(true),
+            Err(error @ (StoreError::NoRoom { .. } | StoreError::KeyUnknown { .. } | StoreError::Damaged { .. })) => {
+                tracing::warn!(key, %error, "a value is not encrypted with the first key");
+                return Ok(false);
+            }
+            Err(error) => return Err(error),
         }
+        // A blob that was deleted meanwhile was stored once more.
+        if !self.meta().named_blobs().await?.contains(key) {
+            self.blobs().delete(key).await;
+        }
+        Ok(true)
+    }
+
+    /// Notes, after a round through all blobs that left none, that the first key alone is in use.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn forget_other_keys(&self) -> Result<(), StoreError> {
+        self.blobs().forget_other_keys().await
     }
 }
 
@@ -106,4 +131,59 @@ async fn read_through(blobs: &Blobs, key: &str, report: &mut ScrubReport) -> Res
         Err(error) => return Err(error),
     }
     Ok(None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::conformance::{part_with, session};
+    use crate::{Keyring, PartKind, StoreLocation};
+
+    #[tokio::test]
+    async fn values_are_encrypted_again_until_none_has_the_old_key() {
+        let directory = tempfile::tempdir().unwrap();
+        let [old, new] = [1, 2].map(|byte| format!("{byte:02x}").repeat(32));
+        let open = async |keys: &[&String]| {
+            let keys = Keyring::new(keys.iter().map(|key| key.as_str())).unwrap();
+            Store::open_at(directory.path(), &StoreLocation { keys, ..StoreLocation::default() }).await
+        };
+        let store = open(&[]).await.unwrap();
+        let kept = session("local");
+        store.insert_session(&kept, None).await.unwrap();
+        let skin = store.blobs().put(kept.id, b"skin".to_vec()).await.unwrap();
+        store.put_parts(kept.id, &[part_with(PartKind::Skin, &skin)]).await.unwrap();
+        store.close().await;
+        drop(store);
+
+        let store = open(&[&old]).await.unwrap();
+        let skull = store.blobs().put(kept.id, b"skull".to_vec()).await.unwrap();
+        store.put_parts(kept.id, &[part_with(PartKind::Skull, &skull)]).await.unwrap();
+        store.close().await;
+        drop(store);
+        assert!(matches!(open(&[]).await, Err(StoreError::KeyUnknown { .. })));
+
+        let store = open(&[&new, &old]).await.unwrap();
+        let (found, next) = store.scrub("", u64::MAX).await.unwrap();
+        assert_eq!((found.values, found.renewed, found.left, next), (2, 2, 0, None));
+        // A value that nothing names any more, as after a deletion in between, is not brought back.
+        store.delete_part(kept.id, PartKind::Skull).await.unwrap();
+        assert!(matches!(store.encrypt_again(&skull.key).await, Ok(true)));
+        let gone = store.blobs().put(kept.id, b"gone".to_vec()).await.unwrap();
+        assert!(store.encrypt_again(&gone.key).await.unwrap());
+        for key in [&skull.key, &gone.key] {
+            assert!(matches!(store.blobs().get(key).await, Err(StoreError::BlobGone { .. })));
+        }
+        store.close().await;
+        drop(store);
+        assert!(
+            matches!(open(&[&new]).await, Err(StoreError::KeyUnknown { .. })),
+            "it is not known yet that none is left"
+        );
+        let store = open(&[&new, &old]).await.unwrap();
+        store.forget_other_keys().await.unwrap();
+        store.close().await;
+        drop(store);
+        let store = open(&[&new]).await.unwrap();
+        assert_eq!(store.blobs().get(&skin.key).await.unwrap().as_ref(), b"skin");
+    }
 }

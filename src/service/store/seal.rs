@@ -91,12 +91,7 @@ impl Check {
         self.hash.update(self.tail.drain(..content).as_slice());
     }
 
-    /// Whether everything read is the blob `key`; always true for a blob without a seal.
-    pub(super) fn finds_whole(self, key: &str) -> bool {
-        self.finds(key).is_some()
-    }
-
-    /// The form of the blob `key`, with the id of the key of encrypted content; `None` unless everything read is that blob.
+    /// The encryption of the blob `key`; `None` unless everything read is that blob. A blob without a seal always passes.
     pub(super) fn finds(self, key: &str) -> Option<Encryption> {
         if !is_sealed(key) {
             return Some(None);
@@ -125,7 +120,7 @@ mod tests {
             let check = |stored: &[u8], key: &str| {
                 let mut check = Check::new();
                 stored.chunks(33).for_each(|piece| check.read(piece));
-                check.finds_whole(key)
+                check.finds(key).is_some()
             };
             assert_eq!(open(KEY, stored.clone().into()).await.unwrap(), (Bytes::copy_from_slice(content), Form::Plain));
             assert!(check(&stored, KEY));

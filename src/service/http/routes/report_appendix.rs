@@ -138,7 +138,10 @@ fn left_out(l: &LeftOutDocument) -> String {
 
 fn budget(b: &BudgetDocument) -> Table {
     let setting = |edge_mm: f64, locking: LockingName| format!("{edge_mm} mm edges, locking {}", locking.as_str());
-    let cost = |e: &ExpectedDocument| format!("about {} mm in {} s", mm(e.error_mm), e.wall_s);
+    let cost = |e: &ExpectedDocument| {
+        let at_most = format!("at most {} mm and {} s in 95 % of scenes", mm(e.error_at_most_mm), e.wall_at_most_s);
+        format!("about {} mm in {} s; {at_most}", mm(e.error_mm), e.wall_s)
+    };
     let row = |name: &str, text: String| vec![name.to_owned(), text];
     let mut rows = Vec::new();
     rows.extend(b.asked.max_error_mm.map(|most| row("error asked for", format!("at most {most} mm"))));

@@ -9,6 +9,7 @@ use object_store::ObjectStore;
 use uuid::Uuid;
 
 use super::{Result, Store};
+use crate::backup::remove_old_snapshot;
 use crate::directory::{BLOBS, LOCAL_LOG, Watched, create_private, given_log_name, is_unfinished, lock, mark_finished};
 use crate::location::{BucketUrl, StoreLocation};
 use crate::postgres::PostgresMeta;
@@ -74,6 +75,9 @@ impl Store {
         let blobs = blobs.with_room(Arc::clone(&room));
         let mut store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), watched: watched.into(), room };
         store.check_belonging(directory, places).await?;
+        if !shared {
+            remove_old_snapshot(directory)?;
+        }
         store.blobs = store.blobs.with_keys(places.keys.clone()).await?;
         // In a shared store another process may be about to name a blob that it has stored, so only a local store is swept.
         if places.is_local() {

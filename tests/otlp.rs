@@ -10,6 +10,7 @@ use std::sync::mpsc;
 use axum::routing::post;
 use axum::{Json, Router};
 use prosopon_formats::export;
+use prosopon_geometry::Vector;
 use prosopon_planning::phantom;
 use serde_json::{Value, json};
 
@@ -75,6 +76,17 @@ fn spans_of_a_request_its_job_and_the_stages_are_one_trace_without_content() {
     let ended =
         ureq::get(format!("{url}/v1/jobs/{job}?wait_s=30")).call().unwrap().body_mut().read_to_string().unwrap();
     assert!(ended.contains("\"succeeded\""), "{ended}");
+    // A job that fails: half of the skull lies outside the skin.
+    let skull = phantom::surface_of(head.skull.as_ref(), &head.bounds(), 8.0).unwrap();
+    let aside = skull.positions().iter().map(|p| p + Vector::new(90.0, 0.0, 0.0)).collect();
+    let skull = skull.with_positions(aside).unwrap();
+    ureq::put(format!("{url}/v1/sessions/{session}/skull")).send(&export::stl(&skull)).unwrap();
+    let mut failed = ureq::post(format!("{url}/v1/sessions/{session}/field")).send_json(json!({})).unwrap();
+    let failed: Value = failed.body_mut().read_json().unwrap();
+    let failed = failed["id"].as_str().unwrap();
+    let ended =
+        ureq::get(format!("{url}/v1/jobs/{failed}?wait_s=30")).call().unwrap().body_mut().read_to_string().unwrap();
+    assert!(ended.contains("\"failed\""), "{ended}");
     ureq::get(format!("{url}/livez")).header("traceparent", "nonsense").call().unwrap();
     // The service sends the remaining spans when it stops.
     assert!(Command::new("kill").args(["-TERM", &server.id().to_string()]).status().unwrap().success());
@@ -88,16 +100,21 @@ fn spans_of_a_request_its_job_and_the_stages_are_one_trace_without_content() {
     let spans: Vec<&Value> = scopes.flat_map(|s| s["spans"].as_array().unwrap()).collect();
     let named = |name: &'static str| spans.iter().copied().filter(move |s| s["name"] == name);
 
-    let request = named("request").find(|s| attribute(s, "route")["stringValue"] == "/v1/compare").unwrap();
+    // Of OTLP: kinds 1 internal, 2 server, 5 consumer; status 2 error.
+    let request = named("POST /v1/compare").next().unwrap();
+    assert_eq!((&request["kind"], &request["status"]["code"]), (&json!(2), &json!(0)), "{request}");
     assert_eq!((&request["traceId"], &request["parentSpanId"]), (&json!(TRACE), &json!(CALLER)));
     assert_eq!(attribute(request, "status")["intValue"], "202", "{request}");
     let job_span = named("job").find(|s| attribute(s, "job.id")["stringValue"] == job).unwrap();
     assert_eq!((&job_span["traceId"], &job_span["parentSpanId"]), (&json!(TRACE), &request["spanId"]));
+    assert_eq!((&job_span["kind"], &job_span["status"]["code"]), (&json!(5), &json!(0)), "{job_span}");
+    let failed_span = named("job").find(|s| attribute(s, "job.id")["stringValue"] == failed).unwrap();
+    assert_eq!((&failed_span["kind"], &failed_span["status"]["code"]), (&json!(5), &json!(2)), "{failed_span}");
     let stages: Vec<&Value> = named("stage").filter(|s| s["parentSpanId"] == job_span["spanId"]).collect();
     let names: Vec<&str> = stages.iter().map(|s| attribute(s, "stage")["stringValue"].as_str().unwrap()).collect();
     assert_eq!(names, ["reading", "compare", "writing"]);
     assert!(stages.iter().all(|s| s["traceId"] == TRACE));
-    let alone = named("request").find(|s| attribute(s, "route")["stringValue"] == "/livez").unwrap();
+    let alone = named("GET /livez").next().unwrap();
     assert!(alone["traceId"] != TRACE && alone["parentSpanId"].as_str().is_none_or(str::is_empty), "{alone}");
 
     let allowed: BTreeSet<&str> = ATTRIBUTES.into();

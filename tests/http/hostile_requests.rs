@@ -92,6 +92,17 @@ async fn invalid_values_are_refused_with_what_was_expected() {
     }
 }
 
+/// A name of a megabyte comes back shortened.
+#[tokio::test]
+async fn problems_are_short_whatever_the_request_says() {
+    let app = TestApp::new().await;
+    for name in ["[".repeat(1 << 20), "é".repeat(1 << 19)] {
+        let body = json!({ name: 1 }).to_string();
+        let answer = app.call(Method::POST, "/v1/sessions", &[("content-type", "application/json")], body).await;
+        assert!(answer.status.is_client_error() && answer.body.len() < 3000, "{} bytes", answer.body.len());
+    }
+}
+
 #[tokio::test]
 async fn a_valid_request_id_of_the_client_is_kept() {
     let app = TestApp::new().await;

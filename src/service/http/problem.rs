@@ -52,17 +52,29 @@ pub struct ProblemDocument {
 impl From<&Fault> for ProblemDocument {
     fn from(fault: &Fault) -> Self {
         let (status, title) = status_and_title(fault.kind);
-        let field = |f: &FieldFault| ProblemField { pointer: f.pointer.clone(), detail: f.detail.clone() };
+        let field = |f: &FieldFault| ProblemField { pointer: short(&f.pointer), detail: short(&f.detail) };
         Self {
             problem_type: format!("/problems/{}", fault.kind.slug()),
             title: title.to_owned(),
             status: status.as_u16(),
-            detail: fault.detail.clone(),
+            detail: short(&fault.detail),
             request_id: None,
             errors: fault.errors.iter().map(field).collect(),
             facts: fault.facts.clone(),
         }
     }
+}
+
+/// Longest text of a problem, bytes: a name in a request can have megabytes.
+const LONGEST: usize = 550;
+
+/// A text without its middle if it is too long.
+fn short(text: &str) -> String {
+    if text.len() <= LONGEST {
+        return text.to_owned();
+    }
+    let (begin, end) = (text.floor_char_boundary(LONGEST / 2), text.ceil_char_boundary(text.len() - LONGEST / 4));
+    format!("{}…{}", &text[..begin], &text[end..])
 }
 
 /// An error answer.

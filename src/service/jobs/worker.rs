@@ -2,7 +2,8 @@ use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use tracing::Instrument;
+use tracing::field::Empty;
+use tracing::{Instrument, Span};
 
 use super::Service;
 use super::events::{end_event, panicked, status_event, warning_event};
@@ -40,7 +41,8 @@ pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
         match claim(&service, lane).await {
             Ok(Some(job)) => {
                 let span = tracing::info_span!(
-                    "job", job.id = %job.id, session.id = %job.session, tenant = %job.tenant, job.kind = job.kind.as_str()
+                    "job", job.id = %job.id, session.id = %job.session, tenant = %job.tenant, job.kind = job.kind.as_str(),
+                    otel.kind = "consumer", otel.status_code = Empty
                 );
                 if let Some(parent) = &job.traceparent {
                     trace::continue_from(&span, parent);
@@ -254,6 +256,9 @@ fn record_metrics(job: &JobRecord, running: &Running, event: JobEvent) {
     let (kind, outcome) = (job.kind.as_str(), format!("{event:?}").to_lowercase());
     let seconds = running.started.elapsed().as_secs_f64();
     tracing::info!(outcome, duration_s = seconds, "job ended");
+    if event == JobEvent::Fail {
+        Span::current().record("otel.status_code", "ERROR");
+    }
     metrics::counter!("prosopon_jobs_total", "kind" => kind, "outcome" => outcome).increment(1);
     metrics::histogram!("prosopon_job_seconds", "kind" => kind).record(seconds);
     let model = model_of(job);

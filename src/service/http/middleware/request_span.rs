@@ -26,7 +26,10 @@ pub(in crate::http) async fn request_span(request: Request, next: Next) -> Respo
     let id = given_id(&request).unwrap_or_else(|| Uuid::now_v7().to_string());
     let route = request.extensions().get::<MatchedPath>().map_or("unmatched", MatchedPath::as_str).to_owned();
     let method = request.method().clone();
-    let span = tracing::info_span!("request", request_id = %id, %method, route, status = Empty);
+    let span = tracing::info_span!(
+        "request", request_id = %id, %method, route, status = Empty,
+        otel.name = format!("{method} {route}"), otel.kind = "server", otel.status_code = Empty
+    );
     if let Some(parent) = request.headers().get(TRACEPARENT).and_then(|value| value.to_str().ok()) {
         trace::continue_from(&span, parent);
     }
@@ -39,6 +42,9 @@ pub(in crate::http) async fn request_span(request: Request, next: Next) -> Respo
     let status = response.status().as_u16();
     span.in_scope(|| tracing::info!(status, duration_ms = seconds * 1e3, "answered"));
     span.record("status", i64::from(status));
+    if response.status().is_server_error() {
+        span.record("otel.status_code", "ERROR");
+    }
     let labels = [("method", method.to_string()), ("route", route), ("status", status.to_string())];
     metrics::counter!("prosopon_http_requests_total", &labels).increment(1);
     metrics::histogram!("prosopon_http_request_seconds", &labels[..2]).record(seconds);

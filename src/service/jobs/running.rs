@@ -97,9 +97,13 @@ impl Worker {
     }
 }
 
+/// Time between two looks for a cancellation.
+const LOOK_FOR_CANCEL: Duration = Duration::from_millis(50);
+
 const OPEN: u8 = 0;
 const CANCEL_REQUESTED: u8 = 1;
 const CLOSED: u8 = 2;
+const COMPUTES_ON: u8 = 3;
 
 /// A running job, as shared between its worker and the rest of the service.
 #[derive(Debug)]
@@ -111,7 +115,7 @@ pub(super) struct Running {
     pub(super) control: Control,
     pub(super) started: Instant,
     phase: AtomicU8,
-    /// Open, cancellation requested, or closed.
+    /// Open, cancellation requested, closed, or closed while the computation has not seen the cancellation.
     ///
     /// Whichever comes first, cancellation or end, wins: one atomic change.
     ending: AtomicU8,
@@ -211,7 +215,7 @@ impl Running {
     /// A cancelled control without this request means that the service stops or that the time limit is reached.
     pub(super) fn request_cancel(&self) -> bool {
         let before = self.ending.compare_exchange(OPEN, CANCEL_REQUESTED, Ordering::AcqRel, Ordering::Acquire);
-        if before == Err(CLOSED) {
+        if matches!(before, Err(CLOSED | COMPUTES_ON)) {
             return false;
         }
         self.control.cancel();
@@ -221,6 +225,19 @@ impl Running {
     /// Marks the end of the work; false when the job was cancelled before.
     pub(super) fn close(&self) -> bool {
         self.ending.swap(CLOSED, Ordering::AcqRel) == OPEN
+    }
+
+    /// Waits until a cancellation was requested `patience` ago.
+    pub(super) async fn cancelled_for(&self, patience: Duration) {
+        while self.ending.load(Ordering::Acquire) != CANCEL_REQUESTED {
+            tokio::time::sleep(LOOK_FOR_CANCEL).await;
+        }
+        tokio::time::sleep(patience).await;
+    }
+
+    /// Notes that the end of the job is stored although its computation goes on.
+    pub(super) fn computes_on(&self) {
+        self.ending.store(COMPUTES_ON, Ordering::Release);
     }
 
     /// Whether the job belongs to this session or reads it.

@@ -18,6 +18,8 @@ use prosopon_store::{Claim, JobChange, JobRecord, JobState, Lane, StoreError};
 
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
+/// Time that a computation has to see a cancellation before the job ends without it.
+const CANCELS: Duration = Duration::from_millis(500);
 
 /// Longest time between two looks at the queue.
 const LOOK_EVERY: Duration = Duration::from_secs(5);
@@ -156,34 +158,52 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
 
     // A separate task, so that a panic in it ends the job and not the worker.
     let work = work::perform(Arc::clone(service), job.clone(), Arc::clone(running));
-    let work = tokio::spawn(work.in_current_span());
-    let work = async {
-        let done = work.await.unwrap_or_else(|_| Err(panicked().into()));
+    let mut work = tokio::spawn(work.in_current_span());
+    let ends = async {
+        let done = (&mut work).await.unwrap_or_else(|_| Err(panicked().into()));
         let refused = matches!(&done, Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreRefuses);
         let only_this = refused && refuses_no_others(service).await;
         (done, only_this)
     };
-    let (done, only_this) = tokio::select! {
-        ended = work => ended,
+    let ended = tokio::select! {
+        ended = ends => Some(ended),
+        () = running.cancelled_for(CANCELS) => None,
         never = report_progress(service, job, running) => match never {},
         never = keep_lease(service, job, running) => match never {},
     };
+    let computes_on = ended.is_none();
+    let (done, only_this) = ended.unwrap_or((Err(Halt::Cancelled), false));
     let (event, change) = outcome(service, job, running, done, only_this);
     record_metrics(job, running, event);
-    beating(service, running.worker, end(service, job, event, &change)).await
+    let ran = beating(service, running.worker, end(service, job, event, &change)).await;
+    if computes_on {
+        // A factorisation sees a cancellation late. The job has ended for everybody else; its worker waits for the processors.
+        running.computes_on();
+        service.announce();
+        beating(service, running.worker, work).await.ok();
+        remove_if_deleted(service, job).await?;
+    }
+    ran
 }
 
 /// Stores the end of an attempt; an interrupted job is accepted again.
 async fn end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobChange) -> Result<Ran, Fault> {
-    if !record_end(service, job, event, change).await? && service.store.session(job.session).await?.is_none() {
-        // The session was deleted while the job ran: remove what the job stored.
-        service.store.blobs().delete_session(job.session).await;
+    if !record_end(service, job, event, change).await? {
+        remove_if_deleted(service, job).await?;
     }
     if event == JobEvent::Interrupt && !service.stop.is_cancelled() {
         requeue(service, job).await?;
         return Ok(Ran::UntilTheStoreFailed);
     }
     Ok(Ran::ToItsEnd)
+}
+
+/// Removes what the job stored if its session was deleted while it ran.
+async fn remove_if_deleted(service: &Service, job: &JobRecord) -> Result<(), Fault> {
+    if service.store.session(job.session).await?.is_none() {
+        service.store.blobs().delete_session(job.session).await;
+    }
+    Ok(())
 }
 
 /// The change of state at the end of an attempt.

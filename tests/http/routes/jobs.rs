@@ -171,6 +171,32 @@ async fn a_cancelled_job_stops_within_two_seconds() {
     assert_eq!(app.get(&format!("{running}/steps/1/skin")).await.status, StatusCode::OK);
 }
 
+/// The job ends for its client; the next one waits until the processors are free.
+#[tokio::test]
+async fn a_cancelled_job_ends_although_its_computation_does_not_see_it() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(2);
+    app.stand_in.is_deaf.store(true, Ordering::SeqCst);
+    let job = app.solve(&session, &plan, json!({})).await;
+    let next = app.solve(&session, &plan, json!({"steps": 5})).await;
+    app.until_step(&job, 2).await;
+    app.post(&format!("{job}/cancel"), json!({})).await.ok();
+    let ended = app.ended(&job).await.ok();
+    assert_eq!((&ended["status"], &ended["step"]), (&json!("cancelled"), &json!(2)));
+    let events = app.get(&format!("{job}/events")).await;
+    assert!(String::from_utf8_lossy(&events.body).contains("event: end"), "{:?}", events.body);
+    assert_eq!(app.stand_in.solves.load(Ordering::SeqCst), 1);
+    assert_eq!(app.get(&next.to_string()).await.ok()["status"], "accepted");
+    app.post(&format!("{job}/cancel"), json!({})).await.problem(409, "wrong-state");
+
+    app.stand_in.is_deaf.store(false, Ordering::SeqCst);
+    app.stand_in.release();
+    assert_eq!(app.ended(&next).await.ok()["status"], "succeeded");
+    let view = app.get(&job.to_string()).await.ok();
+    assert_eq!((&view["status"], &view["step"]), (&json!("cancelled"), &json!(2)), "nothing is added later");
+}
+
 #[tokio::test]
 async fn a_long_poll_ends_with_the_job_or_after_its_time() {
     let app = TestApp::new().await;

@@ -8,7 +8,7 @@ use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use base64::Engine;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
-use prosopon_service::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, new_key};
+use prosopon_service::http::auth::{Access, ApiKey, AuthSettings, JwtSettings, Scope, new_key};
 use prosopon_store::Audit;
 use ring::rand::SystemRandom;
 use ring::signature::{ECDSA_P256_SHA256_FIXED_SIGNING, EcdsaKeyPair, KeyPair};
@@ -294,6 +294,42 @@ fn a_key_is_revoked_without_a_restart() {
     // Without any key nobody is let in.
     write(&[], "max_waiting = 10\n");
     until([401, 401]);
+}
+
+/// The events of a job that goes on; the key of their reader is removed.
+#[tokio::test]
+async fn an_open_stream_ends_with_its_key() {
+    let (app, a, _) = two_tenants().await;
+    let post = async |path: String, body: Value| call(&app, &a, Method::POST, &path, body).await.json();
+    let session = format!("/v1/sessions/{}", post("/v1/sessions".to_owned(), json!({})).await["id"].as_str().unwrap());
+    let authorization = format!("Bearer {a}");
+    for (part, file) in [("skin", skin()), ("skull", skull())] {
+        let headers = [("authorization", authorization.as_str())];
+        assert!(app.call(Method::PUT, &format!("{session}/{part}"), &headers, file).await.status.is_success());
+    }
+    let ended = async |job: Value| {
+        let path = format!("{}?wait_s=30", job["links"]["self"].as_str().unwrap());
+        assert_eq!(call(&app, &a, Method::GET, &path, Value::Null).await.json()["status"], "succeeded");
+    };
+    ended(post(format!("{session}/field"), json!({})).await).await;
+    let cuts = json!({"cuts": [{"plane": {"point_mm": [0, 0, 0], "normal": [0, 0, 2]}}]});
+    let osteotomy = post(format!("{session}/osteotomies"), cuts).await["id"].clone();
+    ended(post(format!("{session}/mesh"), json!({"osteotomy": osteotomy})).await).await;
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0, -6, -1.5]}]}]);
+    let plan = post(format!("{session}/plans"), json!({"osteotomy": osteotomy, "paths": paths})).await["id"].clone();
+    app.stand_in.hold_after(1);
+    let job = post(format!("{session}/jobs"), json!({"plan": plan})).await;
+    let events = format!("{}/events", job["links"]["self"].as_str().unwrap());
+    let Access::Tokens(authenticator) = &app.state.access else { panic!("the service has keys") };
+    let revoke = async {
+        tokio::time::sleep(std::time::Duration::from_millis(300)).await;
+        authenticator.set_keys(Vec::new());
+    };
+    let (stream, ()) = tokio::join!(call(&app, &a, Method::GET, &events, Value::Null), revoke);
+    let text = String::from_utf8_lossy(&stream.body).into_owned();
+    assert!(stream.status == StatusCode::OK && !text.contains("event: end"), "{text}");
+    assert_eq!(call(&app, &a, Method::GET, &events, Value::Null).await.status, StatusCode::UNAUTHORIZED);
+    app.stand_in.release();
 }
 
 #[tokio::test]

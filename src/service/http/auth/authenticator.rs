@@ -64,6 +64,11 @@ impl Authenticator {
         }
     }
 
+    /// Whether an `Authorization` header has one of the API keys.
+    pub(super) fn has_key(&self, authorization: &str) -> bool {
+        bearer(authorization).is_some_and(|token| self.by_key(token).is_ok())
+    }
+
     fn by_key(&self, token: &str) -> Result<Principal, Fault> {
         let keys = self.keys.read().unwrap_or_else(PoisonError::into_inner);
         let key = keys.get(&hash_of(token)).ok_or_else(|| unknown("the bearer token is not trusted", "no such key"))?;

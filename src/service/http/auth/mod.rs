@@ -25,3 +25,21 @@ pub enum Access {
     /// Requests need a bearer token that the authenticator accepts.
     Tokens(std::sync::Arc<Authenticator>),
 }
+
+/// Time between two looks whether the key of an open stream is still valid.
+const LOOK_FOR_REVOCATION: std::time::Duration = std::time::Duration::from_secs(2);
+
+impl Access {
+    /// Waits until the API key in this `Authorization` header is removed; forever for any other sender.
+    pub(super) async fn until_revoked(self, authorization: Option<String>) {
+        let (Self::Tokens(authenticator), Some(authorization)) = (self, authorization) else {
+            return std::future::pending().await;
+        };
+        if !authenticator.has_key(&authorization) {
+            return std::future::pending().await;
+        }
+        while authenticator.has_key(&authorization) {
+            tokio::time::sleep(LOOK_FOR_REVOCATION).await;
+        }
+    }
+}

@@ -53,14 +53,18 @@ pub(in crate::http) async fn events(
     if events.is_spent() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
+    let authorization = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).map(str::to_owned);
+    let revoked = Box::pin(state.access.clone().until_revoked(authorization));
     let heartbeat = state.limits.heartbeat;
     if headers.get(header::ACCEPT).is_some_and(|a| a == "application/x-ndjson") {
-        let lines = stream_items(events, Some(heartbeat)).map(move |item| Ok::<_, Infallible>(line(id, &item)));
+        let lines = stream_items(events, Some(heartbeat))
+            .take_until(revoked)
+            .map(move |item| Ok::<_, Infallible>(line(id, &item)));
         let headers = [(header::CONTENT_TYPE, "application/x-ndjson"), (header::CACHE_CONTROL, "no-store")];
         return Ok((headers, Body::from_stream(lines)).into_response());
     }
     let first = stream::once(async { Ok::<_, Infallible>(Event::default().retry(retry())) });
-    let events = first.chain(stream_items(events, None).map(move |item| Ok(sse(id, item))));
+    let events = first.chain(stream_items(events, None).take_until(revoked).map(move |item| Ok(sse(id, item))));
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(heartbeat)).into_response())
 }
 

@@ -125,7 +125,7 @@ impl Service {
 
     /// Cancels a job; once this returns, the job can only end as cancelled.
     ///
-    /// A waiting job is cancelled at once, a running one within a Newton iteration.
+    /// A waiting job is cancelled at once, a running one within a second; its computation can take longer to stop.
     ///
     /// # Errors
     /// [`FaultKind::WrongState`] when it has ended; as [`Service::job`].

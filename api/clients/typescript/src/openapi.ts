@@ -184,8 +184,9 @@ export interface paths {
         put?: never;
         /**
          * Cancel a job
-         * @description A waiting job stops at once, a running job within one Newton iteration. The request is stored before the answer, so the job
-         *     cannot succeed afterwards.
+         * @description A waiting job ends at once, a running one within a second. The request is stored before the answer, so the job cannot succeed
+         *     afterwards. It ends for every client that has it: equal requests of a session share one job while it waits or runs, also when
+         *     their idempotency keys differ.
          */
         post: operations["cancelJob"];
         delete?: never;
@@ -717,7 +718,8 @@ export interface paths {
         /**
          * Start a solve
          * @description Starts a `solve` job that moves the bone along a plan and streams its steps. The session needs distance fields, or an
-         *     uploaded tissue mesh. The job builds a tissue mesh if none matches.
+         *     uploaded tissue mesh. The job builds a tissue mesh if none matches. A request that equals that of a waiting or running job of the
+         *     session returns that job.
          */
         post: operations["solve"];
         delete?: never;

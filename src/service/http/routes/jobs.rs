@@ -61,7 +61,8 @@ pub(in crate::http) struct Wait {
 /// Start a solve
 ///
 /// Starts a `solve` job that moves the bone along a plan and streams its steps. The session needs distance fields, or an
-/// uploaded tissue mesh. The job builds a tissue mesh if none matches.
+/// uploaded tissue mesh. The job builds a tissue mesh if none matches. A request that equals that of a waiting or running job of the
+/// session returns that job.
 #[utoipa::path(post, path = "/v1/sessions/{session}/jobs", operation_id = "solve", tag = "jobs", params(("session" = Uuid, Path)),
     request_body = SolveRequest,
     responses((status = 202, description = "The job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
@@ -331,8 +332,9 @@ pub(in crate::http) async fn get(
 
 /// Cancel a job
 ///
-/// A waiting job stops at once, a running job within one Newton iteration. The request is stored before the answer, so the job
-/// cannot succeed afterwards.
+/// A waiting job ends at once, a running one within a second. The request is stored before the answer, so the job cannot succeed
+/// afterwards. It ends for every client that has it: equal requests of a session share one job while it waits or runs, also when
+/// their idempotency keys differ.
 #[utoipa::path(post, path = "/v1/jobs/{job}/cancel", operation_id = "cancelJob", tag = "jobs", params(("job" = Uuid, Path)),
     responses((status = 202, description = "The job, which will stop.", body = JobView)))]
 pub(in crate::http) async fn cancel(

@@ -32,6 +32,32 @@ fn a_lifted_segment_opens_a_gap_and_a_lowered_one_overlaps() {
     assert!(overlap < 0.05 && (gap - 2.5 * 5.0 / 24.0).abs() < 0.1, "{overlap} {gap}");
 }
 
+/// A block of three: the upper part, the sawn one, and one that was only parted from it. Both lower ones go down together.
+#[test]
+fn bone_that_was_only_parted_has_no_cut_faces() {
+    let saw = Cut::from(endless([0.0, 0.0, 18.2], [0.0, 0.0, 1.0]));
+    let parting = Cut { purpose: Purpose::Separation, ..endless([0.0, 0.0, 8.2], [0.0, 0.0, 1.0]).into() };
+    let gaps = |second: Cut| {
+        let cut = run_all(&block(), &[saw.clone(), second]).unwrap();
+        let bounded_by = |cuts: &[usize]| cut.segments.iter().find(|s| s.bounded_by == cuts).unwrap().id;
+        let (middle, lower) = (bounded_by(&[0, 1]), bounded_by(&[1]));
+        let down =
+            |segment, by_mm: f64| Path::new(segment, vec![(1.0, Motion::translation(0.0, 0.0, -by_mm))]).unwrap();
+        [[(middle, 4.0), (lower, 4.0)], [(middle, 1e-6), (lower, 4.0)]].map(|moves| {
+            let paths = moves.into_iter().map(|(segment, by_mm)| down(segment, by_mm)).collect();
+            let reports = follow(&cut, &Plan { paths }, &Control::new()).unwrap();
+            [middle, lower].map(|id| reports.iter().find(|r| r.segment == id).unwrap().along[10].gap_mm)
+        })
+    };
+    let [together, lower_alone] = gaps(parting.clone());
+    assert!((together[0] - 4.0).abs() < 0.05 && together[1] == 0.0, "{together:?}");
+    assert!(lower_alone[0] < 0.05 && lower_alone[1] == 0.0, "{lower_alone:?}");
+    // Sawn in both places, the face that stays closed counts as half of the middle one's.
+    let [together, lower_alone] = gaps(Cut { purpose: Purpose::Osteotomy, ..parting });
+    assert!((together[0] - 2.0).abs() < 0.05 && together[1] < 0.05, "{together:?}");
+    assert!((lower_alone[1] - 4.0).abs() < 0.05, "{lower_alone:?}");
+}
+
 #[test]
 fn what_a_surgeon_should_look_at_is_said_with_place_and_size() {
     let mut cut = run(&block(), &[endless([0.0, 0.0, 12.2], [0.0, 0.0, 1.0])]).unwrap();

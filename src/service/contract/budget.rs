@@ -117,7 +117,7 @@ pub struct TriedDocument {
     pub spent_s: f64,
 }
 
-/// What `auto` chose for a budget, and whether it was kept.
+/// What `auto` chose for a budget and, in the report, whether it was kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BudgetDocument {
     /// The request's limits.

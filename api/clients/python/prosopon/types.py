@@ -259,7 +259,7 @@ class _BudgetDocumentRequired(TypedDict):
 
 
 class BudgetDocument(_BudgetDocumentRequired, total=False):
-    """What `auto` chose for a budget, and whether it was kept."""
+    """What `auto` chose for a budget and, in the report, whether it was kept."""
 
     continued_by: Optional[str]  # The further job that follows because this one missed the error and time is left.
     # Error estimated from the solution; absent where it could not be, which a warning explains.

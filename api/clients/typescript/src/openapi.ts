@@ -1244,7 +1244,7 @@ export interface components {
              */
             max_wall_s?: number | null;
         };
-        /** @description What `auto` chose for a budget, and whether it was kept. */
+        /** @description What `auto` chose for a budget and, in the report, whether it was kept. */
         BudgetDocument: {
             /** @description Settings that are faster or more accurate, in order of time. */
             alternatives: components["schemas"]["AlternativeDocument"][];
@@ -3778,6 +3778,8 @@ export interface operations {
             /** @description The page. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3787,6 +3789,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3807,6 +3811,8 @@ export interface operations {
             /** @description Alive. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3816,6 +3822,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3836,6 +3844,8 @@ export interface operations {
             /** @description The metrics. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3845,6 +3855,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3868,6 +3880,8 @@ export interface operations {
             /** @description The page. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3877,6 +3891,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3897,6 +3913,8 @@ export interface operations {
             /** @description Ready. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3906,6 +3924,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3939,6 +3959,10 @@ export interface operations {
             200: {
                 headers: {
                     "Content-Location"?: string;
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3954,6 +3978,8 @@ export interface operations {
                 headers: {
                     Location?: string;
                     "Retry-After"?: number;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3963,6 +3989,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3992,6 +4020,8 @@ export interface operations {
             /** @description One page. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4001,6 +4031,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4031,6 +4063,8 @@ export interface operations {
             /** @description State of the job. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4040,6 +4074,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4063,6 +4099,8 @@ export interface operations {
             /** @description The job, which will stop. */
             202: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4072,6 +4110,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4100,6 +4140,10 @@ export interface operations {
             /** @description The error map. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4113,6 +4157,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4120,6 +4166,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4146,16 +4194,20 @@ export interface operations {
             /** @description The stream of events. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": unknown;
+                    "text/event-stream": string;
                     "application/x-ndjson": components["schemas"]["JobEventLine"];
                 };
             };
             /** @description The job has ended and all events were sent. */
             204: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4163,6 +4215,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4189,6 +4243,10 @@ export interface operations {
             /** @description The path. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4198,6 +4256,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4205,6 +4265,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4228,6 +4290,10 @@ export interface operations {
             /** @description The picture. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4237,6 +4303,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4244,6 +4312,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4270,6 +4340,8 @@ export interface operations {
             /** @description The report. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4280,6 +4352,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4287,6 +4361,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4317,6 +4393,8 @@ export interface operations {
             /** @description The error map. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4326,6 +4404,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4333,6 +4413,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4363,6 +4445,10 @@ export interface operations {
             /** @description The picture. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4372,6 +4458,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4379,6 +4467,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4407,6 +4497,12 @@ export interface operations {
             /** @description The frame. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Names of the scalars, with commas between. */
+                    "Prosopon-Scalars"?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4416,6 +4512,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4423,6 +4521,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4451,6 +4551,10 @@ export interface operations {
             /** @description The picture. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4460,6 +4564,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4467,6 +4573,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4499,6 +4607,10 @@ export interface operations {
             /** @description The surface. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4511,6 +4623,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4518,6 +4632,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4541,6 +4657,10 @@ export interface operations {
             /** @description The volume. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4550,6 +4670,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4557,6 +4679,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4580,6 +4704,10 @@ export interface operations {
             /** @description The triangles. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4589,6 +4717,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4596,6 +4726,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4620,6 +4752,8 @@ export interface operations {
             /** @description The link. */
             201: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4629,6 +4763,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4652,6 +4788,8 @@ export interface operations {
             /** @description Laws and presets. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4661,6 +4799,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4685,6 +4825,8 @@ export interface operations {
             /** @description Result of the check. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4694,6 +4836,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4719,6 +4863,8 @@ export interface operations {
             /** @description One page. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4728,6 +4874,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4756,6 +4904,8 @@ export interface operations {
             201: {
                 headers: {
                     Location?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4765,6 +4915,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4788,6 +4940,8 @@ export interface operations {
             /** @description The session. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4797,6 +4951,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4823,6 +4979,8 @@ export interface operations {
             /** @description Deleted. */
             204: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4830,6 +4988,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4862,6 +5022,10 @@ export interface operations {
             /** @description The surface or its report. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4874,6 +5038,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4881,6 +5047,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4910,6 +5078,8 @@ export interface operations {
             /** @description Report of the surface. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4919,6 +5089,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4944,6 +5116,8 @@ export interface operations {
             /** @description Removed. */
             204: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -4951,6 +5125,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4997,6 +5173,8 @@ export interface operations {
                 headers: {
                     Location?: string;
                     "Retry-After"?: number;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5006,6 +5184,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5029,6 +5209,8 @@ export interface operations {
             /** @description State and report. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5038,6 +5220,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5071,6 +5255,8 @@ export interface operations {
                 headers: {
                     Location?: string;
                     "Retry-After"?: number;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5080,6 +5266,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5107,6 +5295,8 @@ export interface operations {
             /** @description Values in the order of the points. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5116,6 +5306,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5143,6 +5335,8 @@ export interface operations {
             /** @description All settings, with defaults. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5152,6 +5346,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5182,6 +5378,10 @@ export interface operations {
             /** @description The picture. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5191,6 +5391,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5223,6 +5425,8 @@ export interface operations {
                 headers: {
                     Location?: string;
                     "Retry-After"?: number;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5232,6 +5436,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5262,6 +5468,8 @@ export interface operations {
             /** @description The landmarks, with proposals on request. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5271,6 +5479,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5298,6 +5508,8 @@ export interface operations {
             /** @description The stored landmarks. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5307,6 +5519,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5330,6 +5544,8 @@ export interface operations {
             /** @description State and report. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5339,6 +5555,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5371,6 +5589,8 @@ export interface operations {
                 headers: {
                     Location?: string;
                     "Retry-After"?: number;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5380,6 +5600,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5403,6 +5625,8 @@ export interface operations {
             /** @description All osteotomies. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5412,6 +5636,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5443,6 +5669,8 @@ export interface operations {
             201: {
                 headers: {
                     Location?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5452,6 +5680,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5479,6 +5709,8 @@ export interface operations {
             /** @description The cuts. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5488,6 +5720,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5513,6 +5747,8 @@ export interface operations {
             /** @description Cuts and segments. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5522,6 +5758,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5547,6 +5785,8 @@ export interface operations {
             /** @description Deleted. */
             204: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -5554,6 +5794,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5584,6 +5826,10 @@ export interface operations {
             /** @description The surface. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5596,6 +5842,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -5603,6 +5851,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5626,6 +5876,8 @@ export interface operations {
             /** @description All plans. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5635,6 +5887,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5666,6 +5920,8 @@ export interface operations {
             201: {
                 headers: {
                     Location?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5675,6 +5931,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5700,6 +5958,8 @@ export interface operations {
             /** @description The plan. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5709,6 +5969,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5734,6 +5996,8 @@ export interface operations {
             /** @description Deleted. */
             204: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -5741,6 +6005,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5764,6 +6030,8 @@ export interface operations {
             /** @description The session. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5773,6 +6041,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5803,6 +6073,10 @@ export interface operations {
             /** @description The surface or its report. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5816,6 +6090,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -5823,6 +6099,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5850,6 +6128,8 @@ export interface operations {
             /** @description Report of the surface. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5859,6 +6139,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5889,6 +6171,10 @@ export interface operations {
             /** @description The surface or its report. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5902,6 +6188,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -5909,6 +6197,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5936,6 +6226,8 @@ export interface operations {
             /** @description Report of the surface. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5945,6 +6237,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5975,6 +6269,10 @@ export interface operations {
             /** @description The surface or its report. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5988,6 +6286,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -5995,6 +6295,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -6022,6 +6324,8 @@ export interface operations {
             /** @description Report of the surface. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -6031,6 +6335,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -6057,6 +6363,10 @@ export interface operations {
             /** @description The mesh or its report. */
             200: {
                 headers: {
+                    /** @description Tag of the content for `If-None-Match` and `If-Range`. */
+                    ETag?: string;
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -6068,6 +6378,8 @@ export interface operations {
             /** @description Not modified. */
             304: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -6075,6 +6387,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -6103,6 +6417,8 @@ export interface operations {
             /** @description Report of the mesh. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -6112,6 +6428,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -6135,6 +6453,8 @@ export interface operations {
             /** @description Removed. */
             204: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
@@ -6142,6 +6462,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -6162,6 +6484,8 @@ export interface operations {
             /** @description All templates. */
             200: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -6171,6 +6495,8 @@ export interface operations {
             /** @description A problem document. */
             default: {
                 headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
                     [name: string]: unknown;
                 };
                 content: {

@@ -160,7 +160,9 @@ pub struct EndLinks {
 pub struct NoData {}
 
 /// Data of an event as sent: stored data, links to a step's results, and the problem of a failed job.
-pub(in crate::http) fn render_event(job: JobId, event: &EventRecord) -> Value {
+///
+/// `has_report` says whether the job is of a kind with a report.
+pub(in crate::http) fn render_event(job: JobId, has_report: bool, event: &EventRecord) -> Value {
     let mut data: Value = serde_json::from_str(&event.data).unwrap_or_default();
     let Some(members) = data.as_object_mut() else { return data };
     let own = format!("/v1/jobs/{job}");
@@ -181,7 +183,7 @@ pub(in crate::http) fn render_event(job: JobId, event: &EventRecord) -> Value {
                 members.insert("problem".to_owned(), problem);
             }
             let mut links = json!({ "self": own });
-            if members.get("status").is_some_and(|s| s == "succeeded") {
+            if has_report && members.get("status").is_some_and(|s| s == "succeeded") {
                 links["report"] = format!("{own}/report").into();
             }
             members.insert("links".to_owned(), links);

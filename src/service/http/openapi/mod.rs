@@ -7,7 +7,9 @@ mod lengths;
 use utoipa::OpenApi as _;
 use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn, PathItem};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
-use utoipa::openapi::{Content, ContentBuilder, OpenApi, Ref, RefOr, Required, ResponseBuilder, Schema, schema};
+use utoipa::openapi::{
+    Content, ContentBuilder, HeaderBuilder, OpenApi, Ref, RefOr, Required, ResponseBuilder, Schema, schema,
+};
 
 use super::dto::SliceAxis;
 use super::middleware::is_public;
@@ -76,6 +78,7 @@ pub fn openapi() -> OpenApi {
             add_problem(operation);
             descriptions::describe_parameters(operation);
             say_binary(operation);
+            add_headers(operation);
         }
         for (method, operation) in [("PUT", &mut item.put), ("POST", &mut item.post)] {
             operation.iter_mut().for_each(|operation| examples::add_examples(method, path, operation));
@@ -107,7 +110,6 @@ fn say_binary(operation: &mut Operation) {
         let format = schema::SchemaFormat::KnownFormat(schema::KnownFormat::Binary);
         Schema::Object(schema::ObjectBuilder::new().schema_type(schema::Type::String).format(Some(format)).build())
     };
-    let is_bytes = |media_type: &str| !media_type.contains("json") && !media_type.starts_with("text/");
     let say = |media_type: &str, content: &mut RefOr<Content>| {
         if let RefOr::T(content) = content
             && is_bytes(media_type)
@@ -121,10 +123,26 @@ fn say_binary(operation: &mut Operation) {
     for response in operation.responses.responses.values_mut() {
         if let RefOr::T(response) = response {
             response.content.iter_mut().for_each(|(media_type, content)| say(media_type, content));
-            // The data of a Server-Sent Event are a text, which a schema would have to describe; `JobEvent` does for lines.
-            if let Some(RefOr::T(stream)) = response.content.get_mut("text/event-stream") {
-                stream.schema = None;
-            }
+        }
+    }
+}
+
+fn is_bytes(media_type: &str) -> bool {
+    !media_type.contains("json") && !media_type.starts_with("text/")
+}
+
+/// Adds the headers that every answer has, and those of every file.
+fn add_headers(operation: &mut Operation) {
+    let header = |about: &str| {
+        let text = Schema::Object(schema::ObjectBuilder::new().schema_type(schema::Type::String).build());
+        HeaderBuilder::new().schema(Some(text)).description(Some(about)).build()
+    };
+    for (status, response) in &mut operation.responses.responses {
+        let RefOr::T(response) = response else { continue };
+        response.headers.insert("X-Request-Id".to_owned(), header("Id of the request, as in the log.").into());
+        if status == "200" && response.content.keys().any(|media_type| is_bytes(media_type)) {
+            let tag = header("Tag of the content for `If-None-Match` and `If-Range`.");
+            response.headers.insert("ETag".to_owned(), tag.into());
         }
     }
 }

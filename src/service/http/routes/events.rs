@@ -15,7 +15,7 @@ use crate::http::extract::Ids;
 use crate::http::{AppState, Problem};
 use prosopon_contract::{Fault, FaultKind};
 use prosopon_jobs::EventFeed;
-use prosopon_store::{EventRecord, JobId};
+use prosopon_store::{EventRecord, JobId, JobKind};
 
 /// Shortest reconnection delay of clients.
 ///
@@ -53,35 +53,37 @@ pub(in crate::http) async fn events(
     if events.is_spent() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
+    let has_report = state.service.job(id).await?.kind == JobKind::Solve;
     let authorization = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).map(str::to_owned);
     let revoked = Box::pin(state.access.clone().until_revoked(authorization));
     let heartbeat = state.limits.heartbeat;
     if headers.get(header::ACCEPT).is_some_and(|a| a == "application/x-ndjson") {
         let lines = stream_items(events, Some(heartbeat))
             .take_until(revoked)
-            .map(move |item| Ok::<_, Infallible>(line(id, &item)));
+            .map(move |item| Ok::<_, Infallible>(line((id, has_report), &item)));
         let headers = [(header::CONTENT_TYPE, "application/x-ndjson"), (header::CACHE_CONTROL, "no-store")];
         return Ok((headers, Body::from_stream(lines)).into_response());
     }
     let first = stream::once(async { Ok::<_, Infallible>(Event::default().retry(retry())) });
-    let events = first.chain(stream_items(events, None).take_until(revoked).map(move |item| Ok(sse(id, item))));
+    let events =
+        first.chain(stream_items(events, None).take_until(revoked).map(move |item| Ok(sse((id, has_report), item))));
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(heartbeat)).into_response())
 }
 
-fn line(job: JobId, item: &StreamItem) -> String {
+fn line((job, has_report): (JobId, bool), item: &StreamItem) -> String {
     let line = match item {
         StreamItem::Event(event) => {
-            serde_json::json!({ "id": event.seq, "event": event.kind, "data": render_event(job, event) })
+            serde_json::json!({ "id": event.seq, "event": event.kind, "data": render_event(job, has_report, event) })
         }
         StreamItem::Heartbeat(last) => serde_json::json!({ "id": last, "event": "heartbeat", "data": {} }),
     };
     format!("{line}\n")
 }
 
-fn sse(job: JobId, item: StreamItem) -> Event {
+fn sse((job, has_report): (JobId, bool), item: StreamItem) -> Event {
     match item {
         StreamItem::Event(event) => {
-            let data = render_event(job, &event).to_string();
+            let data = render_event(job, has_report, &event).to_string();
             Event::default().id(event.seq.to_string()).event(event.kind).data(data)
         }
         StreamItem::Heartbeat(_) => Event::default().comment(""),

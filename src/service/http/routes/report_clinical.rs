@@ -53,7 +53,8 @@ pub(super) fn clinical(c: &ClinicalDocument) -> Clinical {
     let angles = [
         change("nasolabial angle", "°", c.nasolabial_deg),
         change("labiomental angle", "°", c.labiomental_deg),
-        change("gap between the lips", " mm", c.lip_gap_mm),
+        // One sheet of skin has no gap to measure.
+        change("gap between the lips", " mm", c.lip_gap_mm.filter(|_| !c.mouth_sealed)),
     ];
     let is_proposed = c.soft_points.iter().chain(&c.hard_points).any(|p| p.proposed);
     let notes = [

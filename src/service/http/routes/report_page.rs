@@ -30,6 +30,8 @@ struct Page<'a> {
     version: &'a str,
     attempt: u32,
     model: &'a str,
+    /// Job that goes on with a better setting.
+    continued_by: Option<String>,
     warnings: Vec<Group>,
     plan: Plan,
     regions: Table,
@@ -70,6 +72,7 @@ pub(super) fn report_page(r: &ReportDocument, label: Option<&str>, pictures: &[P
         version: &r.version,
         attempt: r.attempt,
         model: &r.model,
+        continued_by: r.budget.as_ref().and_then(|b| b.continued_by).map(|job| job.to_string()),
         warnings: groups(&r.findings),
         plan: plan(&r.plan, &r.segment_names),
         regions: Table::new(

@@ -227,7 +227,8 @@ pub(in crate::http) struct FrameQuery {
 /// rest. `numbers=int16` gives displacements from rest in 16 bits.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/frame", operation_id = "getStepFrame", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), FrameQuery),
-    responses((status = 200, description = "The frame.", body = Vec<u8>, content_type = "application/octet-stream"),
+    responses((status = 200, description = "The frame.", body = Vec<u8>, content_type = "application/octet-stream",
+            headers(("Prosopon-Scalars" = String, description = "Names of the scalars, with commas between."))),
         (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn frame(
     State(state): State<AppState>,

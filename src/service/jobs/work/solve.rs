@@ -125,6 +125,11 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
         _ => None,
     };
     let continuation = continuation.and_then(|(job, note)| {
+        if let Some(next) = &job {
+            let action = format!("Use the result of job {}, which goes on with a better setting.", next.0.id);
+            let missed = warnings.iter_mut().filter(|w| w.code == "budget-missed");
+            missed.for_each(|w| w.action = Some(action.clone()));
+        }
         warnings.push(note.into());
         job
     });

@@ -115,6 +115,7 @@ __all__ = [
     "ResyncEvent",
     "RotationRequest",
     "SegmentDocument",
+    "SentEvent",
     "SessionList",
     "SessionSettings",
     "SessionSurface",
@@ -1345,6 +1346,14 @@ class SegmentDocument(_SegmentDocumentRequired, total=False):
     """A segment of the cut bone."""
 
     name: Optional[str]  # Suggested name by position.
+
+
+class SentEvent(TypedDict):
+    """A Server-Sent Event with its fields."""
+
+    data: str  # The data of the line of this name, JSON.
+    event: str  # Name, as of the lines.
+    id: str  # Number of the event.
 
 
 class _SessionListRequired(TypedDict):

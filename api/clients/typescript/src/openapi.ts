@@ -3070,6 +3070,15 @@ export interface components {
              */
             volume_mm3: number;
         };
+        /** @description A Server-Sent Event with its fields. */
+        SentEvent: {
+            /** @description The data of the line of this name, JSON. */
+            data: string;
+            /** @description Name, as of the lines. */
+            event: string;
+            /** @description Number of the event. */
+            id: string;
+        };
         /** @description A page of sessions, newest first. */
         SessionList: {
             /** @description Path of the next page; absent on the last page. */
@@ -4199,7 +4208,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "text/event-stream": string;
+                    "text/event-stream": components["schemas"]["SentEvent"];
                     "application/x-ndjson": components["schemas"]["JobEventLine"];
                 };
             };

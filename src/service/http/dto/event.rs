@@ -47,6 +47,17 @@ impl ToSchema for JobEventLine {
     }
 }
 
+/// A Server-Sent Event with its fields.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct SentEvent {
+    /// Number of the event.
+    pub id: String,
+    /// Name, as of the lines.
+    pub event: String,
+    /// The data of the line of this name, JSON.
+    pub data: String,
+}
+
 /// An event of a job; a Server-Sent Event has its name and data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "event", content = "data", rename_all = "snake_case")]

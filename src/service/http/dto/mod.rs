@@ -17,7 +17,8 @@ pub(super) use compare::finite;
 pub use compare::{CompareView, ErrorView};
 pub(super) use event::render_event;
 pub use event::{
-    EndEvent, EndLinks, JobEvent, JobEventLine, NoData, ProgressEvent, ResyncEvent, StatusEvent, StepEvent, StepLinks,
+    EndEvent, EndLinks, JobEvent, JobEventLine, NoData, ProgressEvent, ResyncEvent, SentEvent, StatusEvent, StepEvent,
+    StepLinks,
 };
 pub(super) use inputs::import_request;
 pub use inputs::{CtQuery, FieldView, LandmarksQuery, PointQuery, PointValues, SliceAxis, SliceQuery};

@@ -10,7 +10,7 @@ use axum::response::{IntoResponse, Response};
 use futures::{Stream, StreamExt, stream};
 use uuid::Uuid;
 
-use crate::http::dto::{JobEventLine, render_event};
+use crate::http::dto::{JobEventLine, SentEvent, render_event};
 use crate::http::extract::Ids;
 use crate::http::{AppState, Problem};
 use prosopon_contract::{Fault, FaultKind};
@@ -42,7 +42,7 @@ enum StreamItem {
 #[utoipa::path(get, path = "/v1/jobs/{job}/events", operation_id = "followJob", tag = "jobs",
     params(("job" = Uuid, Path), ("Last-Event-ID" = Option<u64>, Header)),
     responses((status = 200, description = "The stream of events.", content(
-        (String = "text/event-stream"), (JobEventLine = "application/x-ndjson"))),
+        (SentEvent = "text/event-stream"), (JobEventLine = "application/x-ndjson"))),
         (status = 204, description = "The job has ended and all events were sent.")))]
 pub(in crate::http) async fn events(
     State(state): State<AppState>,

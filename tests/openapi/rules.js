@@ -43,7 +43,14 @@ function expand(schema, resolve, depth = 0) {
   return inner && depth < 10 ? inner.flatMap((one) => expand(one, resolve, depth + 1)) : [whole];
 }
 
-/** Whether no value can match both alternatives, by type, by fixed values or by required properties. */
+/** Whether the alternative cannot have the property, except as null. */
+function excludes(alternative, name) {
+  const property = alternative.properties?.[name];
+  if (property) return [property.type].flat().every((type) => type === "null");
+  return alternative.additionalProperties === false;
+}
+
+/** Whether no value can match both alternatives, by type, by fixed values or by required and excluded properties. */
 function disjoint(a, b) {
   const [types, others] = [typesOf(a), typesOf(b)];
   if (types.size === 0 || others.size === 0) return false;
@@ -58,6 +65,9 @@ function disjoint(a, b) {
     const otherTags = valuesOf(b.properties?.[name] ?? {});
     if (tags && otherTags && !tags.some((tag) => otherTags.includes(tag))) return true;
   }
+  const parts = (one, other) =>
+    (one.required ?? []).some((name) => excludes(other, name) && !typesOf(one.properties?.[name] ?? {}).has("null"));
+  if (parts(a, b) || parts(b, a)) return true;
   return required.length > 0 && otherRequired.length > 0 && !required.some((name) => otherRequired.includes(name));
 }
 

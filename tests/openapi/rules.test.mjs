@@ -10,6 +10,7 @@ import { lint } from "./lint.mjs";
 const described = (schema) => ({ description: "What it is.", ...schema });
 const numbers = { type: "array", items: { type: "number" } };
 const object = (required) => ({ type: "object", required: [required], properties: { [required]: described({ type: "string" }) } });
+const excluding = (name) => ({ type: "object", properties: { [name]: described({ type: "null" }) } });
 
 const document = {
   openapi: "3.1.0",
@@ -36,6 +37,8 @@ const document = {
                   good_mm: described({ ...numbers, minItems: 3, maxItems: 3 }),
                   rows: described({ type: "array", items: numbers }),
                   either: described({ oneOf: [{ type: "string" }, { type: "string", maxLength: 3 }] }),
+                  excluded: described({ oneOf: [object("c"), excluding("c")] }),
+                  optional: described({ oneOf: [object("c"), { type: "object", properties: { c: described({ type: "string" }) } }] }),
                   decided: described({ oneOf: [object("a"), { oneOf: [object("b"), { type: "boolean" }] }, { type: "null" }] }),
                 },
               },
@@ -60,6 +63,7 @@ test("each rule reports its fault, and nothing else is reported", () => {
       "parameter-description #/paths/~1a/post/parameters/0",
       `prosopon/no-any-schema ${body}/schema/properties/anything`,
       `prosopon/one-of-decidable ${body}/schema/properties/either/oneOf/1`,
+      `prosopon/one-of-decidable ${body}/schema/properties/optional/oneOf/1`,
       "prosopon/operation-id-camel-case #/paths/~1a/post/operationId",
       "prosopon/operation-tags #/paths/~1a/post",
       `prosopon/point-length ${body}/schema/properties/point_mm`,

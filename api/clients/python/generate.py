@@ -37,6 +37,18 @@ def first_sentence(schema):
     return re.split(r"(?<=[.!?]) (?=[A-Z`])", text)[0].replace("\\", "\\\\")
 
 
+def members_of(schema):
+    """Members of an object, or of all variants of one; required are those that every variant requires."""
+    variants = schema.get("oneOf", [schema])
+    properties = {}
+    for variant in variants:
+        for member, value in variant.get("properties", {}).items():
+            if properties.get(member, {"type": "null"}).get("type") == "null":
+                properties[member] = value
+    required = [m for m in variants[0].get("required", []) if all(m in v.get("required", []) for v in variants)]
+    return properties, required
+
+
 def ref_name(schema):
     return schema["$ref"].rsplit("/", 1)[-1]
 
@@ -145,7 +157,7 @@ class Types:
             if "properties" in branch:
                 tags = [v["enum"][0] for v in branch["properties"].values() if len(v.get("enum", [])) == 1]
                 word = (tags or list(branch["properties"]))[0]
-                own = name + "".join(part.title() for part in word.split("_"))
+                own = branch.get("title") or name + "".join(part.title() for part in word.split("_"))
                 self.define_object(own, branch, [])
                 parts.append(json.dumps(own))
             else:
@@ -235,8 +247,7 @@ class Operations:
         name = ref_name(schema)
         if operation in WHOLE_BODY:
             return ["body: t." + name], [], ["        _body = body"]
-        members = self.document["components"]["schemas"][name]
-        properties, required = members.get("properties", {}), members.get("required", [])
+        properties, required = members_of(self.document["components"]["schemas"][name])
         first = POSITIONAL.get(operation, [m for m in properties if m in required])
         positional, others = [], []
         for member in first + [m for m in properties if m not in first]:

@@ -91,6 +91,6 @@ pub use session::{CreateSession, MAX_STEPS, SessionSettings};
 pub use solve::{OutputName, SolveRequest, SolverOptions};
 pub use statistics::StatisticsDocument;
 pub use step::{LeftOutDocument, ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
-pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};
+pub use surface::{CtDocument, OriginKind, SurfaceDocument, SurfaceOrigin};
 pub use tissue::TissueDocument;
 pub use warning::{Findings, SeverityName, WarningDocument};

@@ -4,11 +4,21 @@ use utoipa::ToSchema;
 use super::warning::{Findings, WarningDocument};
 use prosopon_geometry::SurfaceReport;
 
+/// Where a surface comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OriginKind {
+    /// A file with the surface.
+    Upload,
+    /// The session's CT.
+    Ct,
+}
+
 /// Origin of a stored surface.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SurfaceOrigin {
-    /// `upload` or `ct`.
-    pub kind: String,
+    /// Where the surface comes from.
+    pub kind: OriginKind,
     /// Format of the upload: `stl`, `ply`, `obj`, `nifti`.
     pub format: String,
     /// Bytes of the upload.

@@ -73,12 +73,14 @@ __all__ = [
     "NamedPointDocument",
     "NoData",
     "NodeClassName",
+    "OriginKind",
     "OsteotomyDocument",
     "OsteotomyList",
     "OsteotomyPreview",
     "OsteotomyView",
     "OutputName",
     "PaintDocument",
+    "PartState",
     "PartView",
     "PathDocument",
     "PathReportDocument",
@@ -100,6 +102,7 @@ __all__ = [
     "PresetView",
     "ProblemDocument",
     "ProblemField",
+    "ProblemType",
     "ProfilePieceDocument",
     "ProgressEvent",
     "ProtectedRequest",
@@ -149,6 +152,7 @@ __all__ = [
     "TriedDocument",
     "UnstableMaterialName",
     "VolumetricName",
+    "WarningCode",
     "WarningDocument",
     "WaypointDocument",
     "WaypointRequest",
@@ -387,14 +391,41 @@ class CreateLink(_CreateLinkRequired, total=False):
     valid_s: Optional[int]  # Time for which the link is valid, s, 1 to 3600; 300 when absent.
 
 
-class CreateOsteotomy(TypedDict, total=False):
-    """Request for an osteotomy: `template` or `templates`, `cuts`, or both."""
+class _OsteotomyByTemplateRequired(TypedDict):
+    template: TemplateRequest  # One template; none when absent.
 
+
+class OsteotomyByTemplate(_OsteotomyByTemplateRequired, total=False):
     cuts: Optional[List[CutDocument]]  # 1 to 32 cuts; none when absent.
     label: Optional[str]  # A tag of at most 200 characters that the service stores and does not interpret.
     protected: List[ProtectedRequest]  # At most 32 protected structures.
-    template: Optional[TemplateRequest]  # One template; none when absent.
-    templates: Optional[List[TemplateRequest]]  # 1 to 8 templates, instead of `template`.
+    templates: None  # Excluded in this variant.
+
+
+class _OsteotomyByTemplatesRequired(TypedDict):
+    templates: List[TemplateRequest]  # 1 to 8 templates, instead of `template`.
+
+
+class OsteotomyByTemplates(_OsteotomyByTemplatesRequired, total=False):
+    cuts: Optional[List[CutDocument]]  # 1 to 32 cuts; none when absent.
+    label: Optional[str]  # A tag of at most 200 characters that the service stores and does not interpret.
+    protected: List[ProtectedRequest]  # At most 32 protected structures.
+    template: None  # Excluded in this variant.
+
+
+class _OsteotomyByCutsRequired(TypedDict):
+    cuts: List[CutDocument]  # 1 to 32 cuts; none when absent.
+
+
+class OsteotomyByCuts(_OsteotomyByCutsRequired, total=False):
+    label: Optional[str]  # A tag of at most 200 characters that the service stores and does not interpret.
+    protected: List[ProtectedRequest]  # At most 32 protected structures.
+    template: None  # Excluded in this variant.
+    templates: None  # Excluded in this variant.
+
+
+# Request for an osteotomy: `template` or `templates`, `cuts`, or both.
+CreateOsteotomy = Union["OsteotomyByTemplate", "OsteotomyByTemplates", "OsteotomyByCuts"]
 
 
 class _CreatePlanRequired(TypedDict):
@@ -419,17 +450,64 @@ class CreateSession(TypedDict, total=False):
 Criterion = Literal["stress_sign", "rising_stress", "drucker", "strong_ellipticity"]
 
 
-class CutDocument(TypedDict, total=False):
-    """One cut: exactly one of `plane`, `polyline`, `surface` and `free_part`."""
+class _PlaneCutRequired(TypedDict):
+    plane: PlaneDocument  # A plane, bounded or unbounded.
 
-    free_part: Optional[FreePartDocument]  # No cut: a separate part of bone becomes a segment.
+
+class PlaneCut(_PlaneCutRequired, total=False):
+    free_part: None  # Excluded in this variant.
     kerf_mm: float  # Kerf: width of the saw's slot, mm; half of it lies on each side.
     name: Optional[str]  # Name of the cut, 1 to 64 characters; templates name theirs.
     part_mm: Optional[List[float]]  # For a separation: a point on the side of the bone to separate, LPS mm, at any distance.
-    plane: Optional[PlaneDocument]  # A plane, bounded or unbounded.
-    polyline: Optional[PolylineDocument]  # A line with a sawing direction and depth.
+    polyline: None  # Excluded in this variant.
     purpose: PurposeDocument  # Purpose of the cut.
-    surface: Optional[CutSurfaceDocument]  # Triangles.
+    surface: None  # Excluded in this variant.
+
+
+class _PolylineCutRequired(TypedDict):
+    polyline: PolylineDocument  # A line with a sawing direction and depth.
+
+
+class PolylineCut(_PolylineCutRequired, total=False):
+    free_part: None  # Excluded in this variant.
+    kerf_mm: float  # Kerf: width of the saw's slot, mm; half of it lies on each side.
+    name: Optional[str]  # Name of the cut, 1 to 64 characters; templates name theirs.
+    part_mm: Optional[List[float]]  # For a separation: a point on the side of the bone to separate, LPS mm, at any distance.
+    plane: None  # Excluded in this variant.
+    purpose: PurposeDocument  # Purpose of the cut.
+    surface: None  # Excluded in this variant.
+
+
+class _SurfaceCutRequired(TypedDict):
+    surface: CutSurfaceDocument  # Triangles.
+
+
+class SurfaceCut(_SurfaceCutRequired, total=False):
+    free_part: None  # Excluded in this variant.
+    kerf_mm: float  # Kerf: width of the saw's slot, mm; half of it lies on each side.
+    name: Optional[str]  # Name of the cut, 1 to 64 characters; templates name theirs.
+    part_mm: Optional[List[float]]  # For a separation: a point on the side of the bone to separate, LPS mm, at any distance.
+    plane: None  # Excluded in this variant.
+    polyline: None  # Excluded in this variant.
+    purpose: PurposeDocument  # Purpose of the cut.
+
+
+class _FreePartRequired(TypedDict):
+    free_part: FreePartDocument  # No cut: a separate part of bone becomes a segment.
+
+
+class FreePart(_FreePartRequired, total=False):
+    kerf_mm: float  # Kerf: width of the saw's slot, mm; half of it lies on each side.
+    name: Optional[str]  # Name of the cut, 1 to 64 characters; templates name theirs.
+    part_mm: Optional[List[float]]  # For a separation: a point on the side of the bone to separate, LPS mm, at any distance.
+    plane: None  # Excluded in this variant.
+    polyline: None  # Excluded in this variant.
+    purpose: PurposeDocument  # Purpose of the cut.
+    surface: None  # Excluded in this variant.
+
+
+# One cut: exactly one of `plane`, `polyline`, `surface` and `free_part`.
+CutDocument = Union["PlaneCut", "PolylineCut", "SurfaceCut", "FreePart"]
 
 
 class CutSurfaceDocument(TypedDict):
@@ -554,11 +632,11 @@ class FieldSettingsDocument(TypedDict, total=False):
 
 class _PartViewRequired(TypedDict):
     bytes: int  # Stored size, bytes.
-    state: str  # State: `missing`, `building`, `ready`, `stale` or `failed`.
+    state: PartState  # State of the part.
 
 
 class PartView(_PartViewRequired, total=False):
-    """State of one part of a session."""
+    """One part of a session."""
 
     sha256: Optional[str]  # SHA-256 of an input's stored form, or key of the inputs from which a derived part was made.
     updated_at: Optional[str]  # When the part was stored (RFC 3339).
@@ -953,6 +1031,9 @@ class NoData(TypedDict):
 NodeClassName = Literal["tied", "gliding", "sliding", "free"]
 
 
+OriginKind = Literal["upload", "ct"]  # Where a surface comes from.
+
+
 class _OsteotomyDocumentRequired(Findings):
     cuts: List[CutDocument]  # The cuts.
     segments: List[SegmentDocument]  # The segments, by id.
@@ -1003,6 +1084,9 @@ PaintDocument = TypedDict("PaintDocument", {  # A class for all nodes at bone in
 })
 
 
+PartState = Literal["missing", "building", "ready", "stale", "failed"]  # State of a part of a session.
+
+
 class PathDocument(TypedDict):
     """Path of one segment."""
 
@@ -1020,15 +1104,21 @@ class PathReportDocument(TypedDict):
     segment: int  # The segment.
 
 
-class _PathRequestRequired(TypedDict):
+class _PathByWaypointsRequired(TypedDict):
+    segment: int  # Moving segment, from 1; segment 0 is fixed.
+    waypoints: List[WaypointRequest]  # 1 to 1000 motions from rest at increasing `t`, the last at `t` = 1.
+
+
+class PathByWaypoints(_PathByWaypointsRequired, total=False):
+    autorotate: None  # Excluded in this variant.
+
+
+class PathByAutorotation(TypedDict):
+    autorotate: Autorotate  # Autorotation instead of waypoints.
     segment: int  # Moving segment, from 1; segment 0 is fixed.
 
 
-class PathRequest(_PathRequestRequired, total=False):
-    """Path of one segment, given by waypoints or by `autorotate`."""
-
-    autorotate: Optional[Autorotate]  # Autorotation instead of waypoints.
-    waypoints: List[WaypointRequest]  # 1 to 1000 motions from rest at increasing `t`, the last at `t` = 1.
+PathRequest = Union["PathByWaypoints", "PathByAutorotation"]  # Path of one segment, given by waypoints or by `autorotate`.
 
 
 class _PathSampleRequired(TypedDict):
@@ -1175,6 +1265,10 @@ class ProblemField(TypedDict):
 
     detail: str  # What was found and what is allowed.
     pointer: str  # JSON pointer of the value in the body, or the name of a query parameter or of an uploaded part.
+
+
+# Type of a problem (`api/problems.md`).
+ProblemType = Literal["/problems/malformed-request", "/problems/damaged-value", "/problems/invalid-request", "/problems/not-found", "/problems/gone", "/problems/method-not-allowed", "/problems/not-acceptable", "/problems/timeout", "/problems/wrong-state", "/problems/missing-input", "/problems/stale", "/problems/too-large", "/problems/range-not-satisfiable", "/problems/unsupported-format", "/problems/idempotency-mismatch", "/problems/surface-not-usable", "/problems/volume-not-usable", "/problems/anatomy-not-usable", "/problems/field-not-usable", "/problems/mesh-not-usable", "/problems/cut-misses-bone", "/problems/bone-not-parted", "/problems/plan-not-usable", "/problems/scene-not-usable", "/problems/not-enough-memory", "/problems/solver-not-converged", "/problems/solver-unstable", "/problems/solver-inverted", "/problems/solver-penetration", "/problems/comparison-not-usable", "/problems/registration-failed", "/problems/no-reference", "/problems/not-ready", "/problems/foreign-host", "/problems/foreign-origin", "/problems/queue-full", "/problems/tenant-queue-full", "/problems/quota-full", "/problems/unauthenticated", "/problems/forbidden", "/problems/shutting-down", "/problems/storage-full", "/problems/store-unavailable", "/problems/store-refuses", "/problems/deadline-exceeded", "/problems/job-interrupted", "/problems/internal"]
 
 
 class ProfilePieceDocument(TypedDict):
@@ -1324,13 +1418,38 @@ class ResyncEvent(TypedDict):
     status: Literal["accepted", "running", "succeeded", "failed", "cancelled", "interrupted"]  # Status.
 
 
-class RotationRequest(TypedDict, total=False):
-    """A rotation in exactly one of the forms `quaternion_xyzw`, `axis_angle` and `pitch_roll_yaw`."""
+class _RotationByQuaternionRequired(TypedDict):
+    quaternion_xyzw: List[float]  # Quaternion x, y, z, w with a length of 0.5 to 2; the service normalises it.
 
-    axis_angle: Optional[AxisAngle]  # Axis and angle of the rotation.
-    pitch_roll_yaw: Optional[PitchRollYaw]  # Pitch, roll and yaw of the rotation.
+
+class RotationByQuaternion(_RotationByQuaternionRequired, total=False):
+    axis_angle: None  # Excluded in this variant.
+    pitch_roll_yaw: None  # Excluded in this variant.
     pivot_mm: Optional[List[float]]  # Fixed point of the rotation, LPS mm.
-    quaternion_xyzw: Optional[List[float]]  # Quaternion x, y, z, w with a length of 0.5 to 2; the service normalises it.
+
+
+class _RotationByAxisRequired(TypedDict):
+    axis_angle: AxisAngle  # Axis and angle of the rotation.
+
+
+class RotationByAxis(_RotationByAxisRequired, total=False):
+    pitch_roll_yaw: None  # Excluded in this variant.
+    pivot_mm: Optional[List[float]]  # Fixed point of the rotation, LPS mm.
+    quaternion_xyzw: None  # Excluded in this variant.
+
+
+class _RotationByAnglesRequired(TypedDict):
+    pitch_roll_yaw: PitchRollYaw  # Pitch, roll and yaw of the rotation.
+
+
+class RotationByAngles(_RotationByAnglesRequired, total=False):
+    axis_angle: None  # Excluded in this variant.
+    pivot_mm: Optional[List[float]]  # Fixed point of the rotation, LPS mm.
+    quaternion_xyzw: None  # Excluded in this variant.
+
+
+# A rotation in exactly one of the forms `quaternion_xyzw`, `axis_angle` and `pitch_roll_yaw`.
+RotationRequest = Union["RotationByQuaternion", "RotationByAxis", "RotationByAngles"]
 
 
 class _SegmentDocumentRequired(TypedDict):
@@ -1577,17 +1696,31 @@ class SurfaceOrigin(TypedDict):
 
     bytes: int  # Bytes of the upload.
     format: str  # Format of the upload: `stl`, `ply`, `obj`, `nifti`.
-    kind: str  # `upload` or `ct`.
+    kind: OriginKind  # Where the surface comes from.
     sha256: str  # SHA-256 of the upload.
 
 
-class SurfaceRef(TypedDict, total=False):
-    """A stored surface, named by `session` and `part` or by `job` and `step`."""
+class _SurfaceOfSessionRequired(TypedDict):
+    part: SessionSurface  # Surface of the session.
+    session: str  # Id of a session; give it with `part`.
 
-    job: Optional[str]  # Id of a solve; give it with `step`.
-    part: Optional[SessionSurface]  # Surface of the session.
-    session: Optional[str]  # Id of a session; give it with `part`.
-    step: Optional[int]  # Step number of the solve, from 1.
+
+class SurfaceOfSession(_SurfaceOfSessionRequired, total=False):
+    job: None  # Excluded in this variant.
+    step: None  # Excluded in this variant.
+
+
+class _SurfaceOfSolveRequired(TypedDict):
+    job: str  # Id of a solve; give it with `step`.
+    step: int  # Step number of the solve, from 1.
+
+
+class SurfaceOfSolve(_SurfaceOfSolveRequired, total=False):
+    part: None  # Excluded in this variant.
+    session: None  # Excluded in this variant.
+
+
+SurfaceRef = Union["SurfaceOfSession", "SurfaceOfSolve"]  # A stored surface, named by `session` and `part` or by `job` and `step`.
 
 
 class TemplateList(TypedDict):
@@ -1684,8 +1817,12 @@ UnstableMaterialName = Literal["report", "stabilise"]  # What the solver does wh
 VolumetricName = Literal["logarithmic", "quadratic"]
 
 
+# Kind of a finding (`api/warnings.md`).
+WarningCode = Literal["several-series", "localizers-left-out", "slices-left-out", "duplicate-images", "one-slice", "tilted-slices", "uneven-slices", "padding-set-to-air", "padding-in-tissue", "lossy-compression", "files-skipped", "voxels-without-value", "clamped-voxels", "no-air", "bytes-after-voxels", "no-orientation", "sform-differs", "no-unit", "converted-unit", "unusual-size", "split-polygons", "faces-left-out", "repeated-vertices", "unused-vertices", "bytes-after-triangles", "bytes-after-elements", "cells-without-volume", "points-without-cell", "array-without-numbers", "implausible-size", "airways-closed", "coarser-lattice", "removed-beside-head", "metal", "dense-left-out", "skin-parts-dropped", "bone-pieces-dropped", "open-surface", "duplicate-triangles", "opposed-triangles", "triangles-without-area", "surface-inside-out", "partly-inside-out", "encloses-nothing", "cavities-filled", "envelope-parts-dropped", "surfaces-cross", "sign-at-open-edges", "sign-at-duplicates", "tolerance-below-rounding", "partial-field", "proposed-landmarks", "template-idle", "le-fort-1-steps", "cut-parts-little", "bridges-parted", "fragments-kept", "below-margin", "cut-misses-bone", "bone-not-parted", "plan-not-measured", "landmarks-not-used", "distances-not-measured", "large-displacement", "large-rotation", "bone-overlap", "wide-gap", "mesh-edge-shortened", "cartilage-not-placed", "mesh-pockets", "mesh-prisms-left-out", "mesh-loose-parts", "mouth-parted", "mouth-elsewhere", "globes-placed", "globes-uneven", "globes-not-placed", "mouth-skin-cut", "mouth-not-parted", "mouth-corners", "mouth-depth", "region-lacks-bone", "skin-off-prisms", "mucosa-nodes", "teeth-not-found", "stripped-nodes", "saw-line-nodes", "globe-nodes", "inner-cut-nodes", "paint-without-nodes", "twisted-wedges", "tetrahedra-turned", "no-tissue-array", "no-attachment-array", "coincident-points", "creased-skin", "flattened-skin", "skin-wedges", "unstable-material", "material-not-used", "implausible-stiffness", "stiff-elements", "stiff-smoothed-elements", "materials-replaced", "no-bone-to-slide-on", "no-point-slides", "segment-moves-nothing", "tied-to-still-segment", "held-tied-nodes", "held-inside-bone", "oblique-tangents", "facing-overlap-at-rest", "globe-pressed", "overlap-at-rest", "free-tissue-in-bone", "tissue-through-bone", "tissue-round-rim", "shortened-substeps", "squeezed-elements", "neglected-strain", "inside-out-elements", "lost-ellipticity", "left-out-moves", "size-mismatch", "surfaces-apart", "not-registered", "registration-oscillates", "registration-far", "registration-overlap", "registration-mirrored", "eyes-not-placed", "different-plans", "step-not-compared", "budget-continued", "budget-ended", "budget-missed", "budget-not-studied", "error-not-estimated", "joined-lips", "points-not-measured", "unconfirmed-landmarks", "regions-by-proportions", "made-again", "text", "path-stopped", "no-stresses"]
+
+
 class _WarningDocumentRequired(TypedDict):
-    code: str  # Stable name of the kind; `api/warnings.md` lists them.
+    code: WarningCode
     message: str  # One sentence: what, where, how much, with units.
     severity: SeverityName  # How much it matters.
 
@@ -1704,13 +1841,25 @@ class WaypointDocument(TypedDict):
     translation_mm: List[float]  # Translation of the point at the origin, mm.
 
 
-class _WaypointRequestRequired(TypedDict):
+class _HingeWaypointRequired(TypedDict):
+    hinge: Hinge  # Hinge rotation; excludes `translation_mm` and `rotation`.
     t: float  # Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
 
 
-class WaypointRequest(_WaypointRequestRequired, total=False):
-    """The segment's motion from rest at path parameter `t`: translation and rotation, or a hinge."""
+class HingeWaypoint(_HingeWaypointRequired, total=False):
+    rotation: None  # Excluded in this variant.
+    translation_mm: None  # Excluded in this variant.
 
-    hinge: Optional[Hinge]  # Hinge rotation; excludes `translation_mm` and `rotation`.
+
+class _FreeWaypointRequired(TypedDict):
+    t: float  # Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
+
+
+class FreeWaypoint(_FreeWaypointRequired, total=False):
+    hinge: None  # Excluded in this variant.
     rotation: Optional[RotationRequest]  # Rotation; none when absent.
     translation_mm: Optional[List[float]]  # Translation, LPS mm, each component -100 to 100: forward is -y, down is -z.
+
+
+# The segment's motion from rest at path parameter `t`: translation and rotation, or a hinge.
+WaypointRequest = Union["HingeWaypoint", "FreeWaypoint"]

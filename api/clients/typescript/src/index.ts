@@ -8,7 +8,7 @@ export { decodeFrame, decodeTopology } from "./frame.ts";
 export type { Frame } from "./frame.ts";
 export type { components, paths } from "./openapi.ts";
 export { Problem, Unreachable } from "./problem.ts";
-export type { ProblemDocument, ProblemField } from "./problem.ts";
+export type { ProblemDocument, ProblemField, ProblemKind } from "./problem.ts";
 export { Transport } from "./transport.ts";
 export type { ClientOptions } from "./transport.ts";
 export { upload } from "./upload.ts";

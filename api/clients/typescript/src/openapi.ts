@@ -1402,9 +1402,32 @@ export interface components {
             label?: string | null;
             /** @description At most 32 protected structures. The answer gives the distance of each cut to each structure. */
             protected?: components["schemas"]["ProtectedRequest"][];
-            template?: components["schemas"]["TemplateRequest"] | null;
+            /** @description One template; none when absent. */
+            template: components["schemas"]["TemplateRequest"];
+            /** @description Excluded in this variant. */
+            templates?: null;
+        } | {
+            /** @description 1 to 32 cuts; none when absent. */
+            cuts?: components["schemas"]["CutDocument"][] | null;
+            /** @description A tag of at most 200 characters that the service stores and does not interpret. */
+            label?: string | null;
+            /** @description At most 32 protected structures. The answer gives the distance of each cut to each structure. */
+            protected?: components["schemas"]["ProtectedRequest"][];
+            /** @description Excluded in this variant. */
+            template?: null;
             /** @description 1 to 8 templates, instead of `template`. */
-            templates?: components["schemas"]["TemplateRequest"][] | null;
+            templates: components["schemas"]["TemplateRequest"][];
+        } | {
+            /** @description 1 to 32 cuts; none when absent. */
+            cuts: components["schemas"]["CutDocument"][];
+            /** @description A tag of at most 200 characters that the service stores and does not interpret. */
+            label?: string | null;
+            /** @description At most 32 protected structures. The answer gives the distance of each cut to each structure. */
+            protected?: components["schemas"]["ProtectedRequest"][];
+            /** @description Excluded in this variant. */
+            template?: null;
+            /** @description Excluded in this variant. */
+            templates?: null;
         };
         /** @description Request for a plan: the paths of the moving segments. */
         CreatePlan: {
@@ -1443,7 +1466,8 @@ export interface components {
         Criterion: "stress_sign" | "rising_stress" | "drucker" | "strong_ellipticity";
         /** @description One cut: exactly one of `plane`, `polyline`, `surface` and `free_part`. */
         CutDocument: {
-            free_part?: components["schemas"]["FreePartDocument"] | null;
+            /** @description Excluded in this variant. */
+            free_part?: null;
             /**
              * Format: double
              * @description Kerf: width of the saw's slot, mm; half of it lies on each side.
@@ -1461,11 +1485,98 @@ export interface components {
              *     Thin bridges that all separations together leave are removed too.
              */
             part_mm?: number[] | null;
-            plane?: components["schemas"]["PlaneDocument"] | null;
-            polyline?: components["schemas"]["PolylineDocument"] | null;
+            /** @description A plane, bounded or unbounded. */
+            plane: components["schemas"]["PlaneDocument"];
+            /** @description Excluded in this variant. */
+            polyline?: null;
             /** @description Purpose of the cut. */
             purpose?: components["schemas"]["PurposeDocument"];
-            surface?: components["schemas"]["CutSurfaceDocument"] | null;
+            /** @description Excluded in this variant. */
+            surface?: null;
+        } | {
+            /** @description Excluded in this variant. */
+            free_part?: null;
+            /**
+             * Format: double
+             * @description Kerf: width of the saw's slot, mm; half of it lies on each side.
+             */
+            kerf_mm?: number;
+            /**
+             * @description Name of the cut, 1 to 64 characters; templates name theirs.
+             *
+             *     Segments are named after the templates' cuts that bound them. Nothing else depends on a cut's name.
+             */
+            name?: string | null;
+            /**
+             * @description For a separation: a point on the side of the bone to separate, LPS mm, at any distance.
+             *
+             *     Thin bridges that all separations together leave are removed too.
+             */
+            part_mm?: number[] | null;
+            /** @description Excluded in this variant. */
+            plane?: null;
+            /** @description A line with a sawing direction and depth. */
+            polyline: components["schemas"]["PolylineDocument"];
+            /** @description Purpose of the cut. */
+            purpose?: components["schemas"]["PurposeDocument"];
+            /** @description Excluded in this variant. */
+            surface?: null;
+        } | {
+            /** @description Excluded in this variant. */
+            free_part?: null;
+            /**
+             * Format: double
+             * @description Kerf: width of the saw's slot, mm; half of it lies on each side.
+             */
+            kerf_mm?: number;
+            /**
+             * @description Name of the cut, 1 to 64 characters; templates name theirs.
+             *
+             *     Segments are named after the templates' cuts that bound them. Nothing else depends on a cut's name.
+             */
+            name?: string | null;
+            /**
+             * @description For a separation: a point on the side of the bone to separate, LPS mm, at any distance.
+             *
+             *     Thin bridges that all separations together leave are removed too.
+             */
+            part_mm?: number[] | null;
+            /** @description Excluded in this variant. */
+            plane?: null;
+            /** @description Excluded in this variant. */
+            polyline?: null;
+            /** @description Purpose of the cut. */
+            purpose?: components["schemas"]["PurposeDocument"];
+            /** @description Triangles. */
+            surface: components["schemas"]["CutSurfaceDocument"];
+        } | {
+            /** @description No cut: a separate part of bone becomes a segment. */
+            free_part: components["schemas"]["FreePartDocument"];
+            /**
+             * Format: double
+             * @description Kerf: width of the saw's slot, mm; half of it lies on each side.
+             */
+            kerf_mm?: number;
+            /**
+             * @description Name of the cut, 1 to 64 characters; templates name theirs.
+             *
+             *     Segments are named after the templates' cuts that bound them. Nothing else depends on a cut's name.
+             */
+            name?: string | null;
+            /**
+             * @description For a separation: a point on the side of the bone to separate, LPS mm, at any distance.
+             *
+             *     Thin bridges that all separations together leave are removed too.
+             */
+            part_mm?: number[] | null;
+            /** @description Excluded in this variant. */
+            plane?: null;
+            /** @description Excluded in this variant. */
+            polyline?: null;
+            /** @description Purpose of the cut. */
+            purpose?: components["schemas"]["PurposeDocument"];
+            /** @description Excluded in this variant. */
+            surface?: null;
         };
         /** @description A cut by a triangle mesh, open or closed. */
         CutSurfaceDocument: {
@@ -2395,6 +2506,11 @@ export interface components {
          * @enum {string}
          */
         NodeClassName: "tied" | "gliding" | "sliding" | "free";
+        /**
+         * @description Where a surface comes from.
+         * @enum {string}
+         */
+        OriginKind: "upload" | "ct";
         /** @description Cuts and the segments that they make. */
         OsteotomyDocument: components["schemas"]["Findings"] & {
             /**
@@ -2472,7 +2588,12 @@ export interface components {
              */
             radius_mm?: number | null;
         };
-        /** @description State of one part of a session. */
+        /**
+         * @description State of a part of a session.
+         * @enum {string}
+         */
+        PartState: "missing" | "building" | "ready" | "stale" | "failed";
+        /** @description One part of a session. */
         PartView: {
             /**
              * Format: int64
@@ -2485,13 +2606,8 @@ export interface components {
              *     The SHA-256 of the upload itself is in a report's `origin`.
              */
             sha256?: string | null;
-            /**
-             * @description State: `missing`, `building`, `ready`, `stale` or `failed`.
-             *
-             *     `building` means that a job makes the part, `stale` that its inputs have changed since it was made. `failed` applies to
-             *     a CT whose last import ended without surfaces; the import job gives the reason.
-             */
-            state: string;
+            /** @description State of the part. */
+            state: components["schemas"]["PartState"];
             /** @description When the part was stored (RFC 3339). */
             updated_at?: string | null;
             /**
@@ -2534,7 +2650,8 @@ export interface components {
         };
         /** @description Path of one segment, given by waypoints or by `autorotate`. */
         PathRequest: {
-            autorotate?: components["schemas"]["Autorotate"] | null;
+            /** @description Excluded in this variant. */
+            autorotate?: null;
             /**
              * Format: int32
              * @description Moving segment, from 1; segment 0 is fixed.
@@ -2545,7 +2662,15 @@ export interface components {
              *
              *     The service joins them by screw motions.
              */
-            waypoints?: components["schemas"]["WaypointRequest"][];
+            waypoints: components["schemas"]["WaypointRequest"][];
+        } | {
+            /** @description Autorotation instead of waypoints. */
+            autorotate: components["schemas"]["Autorotate"];
+            /**
+             * Format: int32
+             * @description Moving segment, from 1; segment 0 is fixed.
+             */
+            segment: number;
         };
         /** @description Overlap and gap of a segment at a point of its path. */
         PathSample: {
@@ -2771,8 +2896,7 @@ export interface components {
             status: number;
             /** @description Short description of the type. */
             title: string;
-            /** @description Type of the problem: `/problems/` followed by the name of its section in `api/problems.md`. */
-            type: string;
+            type: components["schemas"]["ProblemType"];
         } & {
             [key: string]: unknown;
         };
@@ -2783,6 +2907,11 @@ export interface components {
             /** @description JSON pointer of the value in the body, or the name of a query parameter or of an uploaded part. */
             pointer: string;
         };
+        /**
+         * @description Type of a problem (`api/problems.md`).
+         * @enum {string}
+         */
+        ProblemType: "/problems/malformed-request" | "/problems/damaged-value" | "/problems/invalid-request" | "/problems/not-found" | "/problems/gone" | "/problems/method-not-allowed" | "/problems/not-acceptable" | "/problems/timeout" | "/problems/wrong-state" | "/problems/missing-input" | "/problems/stale" | "/problems/too-large" | "/problems/range-not-satisfiable" | "/problems/unsupported-format" | "/problems/idempotency-mismatch" | "/problems/surface-not-usable" | "/problems/volume-not-usable" | "/problems/anatomy-not-usable" | "/problems/field-not-usable" | "/problems/mesh-not-usable" | "/problems/cut-misses-bone" | "/problems/bone-not-parted" | "/problems/plan-not-usable" | "/problems/scene-not-usable" | "/problems/not-enough-memory" | "/problems/solver-not-converged" | "/problems/solver-unstable" | "/problems/solver-inverted" | "/problems/solver-penetration" | "/problems/comparison-not-usable" | "/problems/registration-failed" | "/problems/no-reference" | "/problems/not-ready" | "/problems/foreign-host" | "/problems/foreign-origin" | "/problems/queue-full" | "/problems/tenant-queue-full" | "/problems/quota-full" | "/problems/unauthenticated" | "/problems/forbidden" | "/problems/shutting-down" | "/problems/storage-full" | "/problems/store-unavailable" | "/problems/store-refuses" | "/problems/deadline-exceeded" | "/problems/job-interrupted" | "/problems/internal";
         /** @description A piece of the profile line, as points [y, z] in LPS mm; the same points of skin before and after. */
         ProfilePieceDocument: {
             /** @description At the end of the path. */
@@ -3029,8 +3158,10 @@ export interface components {
         };
         /** @description A rotation in exactly one of the forms `quaternion_xyzw`, `axis_angle` and `pitch_roll_yaw`. */
         RotationRequest: {
-            axis_angle?: components["schemas"]["AxisAngle"] | null;
-            pitch_roll_yaw?: components["schemas"]["PitchRollYaw"] | null;
+            /** @description Excluded in this variant. */
+            axis_angle?: null;
+            /** @description Excluded in this variant. */
+            pitch_roll_yaw?: null;
             /**
              * @description Fixed point of the rotation, LPS mm.
              *
@@ -3038,7 +3169,33 @@ export interface components {
              */
             pivot_mm?: number[] | null;
             /** @description Quaternion x, y, z, w with a length of 0.5 to 2; the service normalises it. */
-            quaternion_xyzw?: number[] | null;
+            quaternion_xyzw: number[];
+        } | {
+            /** @description Axis and angle of the rotation. */
+            axis_angle: components["schemas"]["AxisAngle"];
+            /** @description Excluded in this variant. */
+            pitch_roll_yaw?: null;
+            /**
+             * @description Fixed point of the rotation, LPS mm.
+             *
+             *     When absent: the segment's centroid, or the origin for segments of an uploaded tissue mesh.
+             */
+            pivot_mm?: number[] | null;
+            /** @description Excluded in this variant. */
+            quaternion_xyzw?: null;
+        } | {
+            /** @description Excluded in this variant. */
+            axis_angle?: null;
+            /** @description Pitch, roll and yaw of the rotation. */
+            pitch_roll_yaw: components["schemas"]["PitchRollYaw"];
+            /**
+             * @description Fixed point of the rotation, LPS mm.
+             *
+             *     When absent: the segment's centroid, or the origin for segments of an uploaded tissue mesh.
+             */
+            pivot_mm?: number[] | null;
+            /** @description Excluded in this variant. */
+            quaternion_xyzw?: null;
         };
         /** @description A segment of the cut bone. */
         SegmentDocument: {
@@ -3559,29 +3716,39 @@ export interface components {
             bytes: number;
             /** @description Format of the upload: `stl`, `ply`, `obj`, `nifti`. */
             format: string;
-            /** @description `upload` or `ct`. */
-            kind: string;
+            /** @description Where the surface comes from. */
+            kind: components["schemas"]["OriginKind"];
             /** @description SHA-256 of the upload. */
             sha256: string;
         };
         /** @description A stored surface, named by `session` and `part` or by `job` and `step`. */
         SurfaceRef: {
-            /**
-             * Format: uuid
-             * @description Id of a solve; give it with `step`.
-             */
-            job?: string | null;
-            part?: components["schemas"]["SessionSurface"] | null;
+            /** @description Excluded in this variant. */
+            job?: null;
+            /** @description Surface of the session. */
+            part: components["schemas"]["SessionSurface"];
             /**
              * Format: uuid
              * @description Id of a session; give it with `part`.
              */
-            session?: string | null;
+            session: string;
+            /** @description Excluded in this variant. */
+            step?: null;
+        } | {
+            /**
+             * Format: uuid
+             * @description Id of a solve; give it with `step`.
+             */
+            job: string;
+            /** @description Excluded in this variant. */
+            part?: null;
+            /** @description Excluded in this variant. */
+            session?: null;
             /**
              * Format: int32
              * @description Step number of the solve, from 1.
              */
-            step?: number | null;
+            step: number;
         };
         /** @description All templates. */
         TemplateList: {
@@ -3731,12 +3898,16 @@ export interface components {
          * @enum {string}
          */
         VolumetricName: "logarithmic" | "quadratic";
+        /**
+         * @description Kind of a finding (`api/warnings.md`).
+         * @enum {string}
+         */
+        WarningCode: "several-series" | "localizers-left-out" | "slices-left-out" | "duplicate-images" | "one-slice" | "tilted-slices" | "uneven-slices" | "padding-set-to-air" | "padding-in-tissue" | "lossy-compression" | "files-skipped" | "voxels-without-value" | "clamped-voxels" | "no-air" | "bytes-after-voxels" | "no-orientation" | "sform-differs" | "no-unit" | "converted-unit" | "unusual-size" | "split-polygons" | "faces-left-out" | "repeated-vertices" | "unused-vertices" | "bytes-after-triangles" | "bytes-after-elements" | "cells-without-volume" | "points-without-cell" | "array-without-numbers" | "implausible-size" | "airways-closed" | "coarser-lattice" | "removed-beside-head" | "metal" | "dense-left-out" | "skin-parts-dropped" | "bone-pieces-dropped" | "open-surface" | "duplicate-triangles" | "opposed-triangles" | "triangles-without-area" | "surface-inside-out" | "partly-inside-out" | "encloses-nothing" | "cavities-filled" | "envelope-parts-dropped" | "surfaces-cross" | "sign-at-open-edges" | "sign-at-duplicates" | "tolerance-below-rounding" | "partial-field" | "proposed-landmarks" | "template-idle" | "le-fort-1-steps" | "cut-parts-little" | "bridges-parted" | "fragments-kept" | "below-margin" | "cut-misses-bone" | "bone-not-parted" | "plan-not-measured" | "landmarks-not-used" | "distances-not-measured" | "large-displacement" | "large-rotation" | "bone-overlap" | "wide-gap" | "mesh-edge-shortened" | "cartilage-not-placed" | "mesh-pockets" | "mesh-prisms-left-out" | "mesh-loose-parts" | "mouth-parted" | "mouth-elsewhere" | "globes-placed" | "globes-uneven" | "globes-not-placed" | "mouth-skin-cut" | "mouth-not-parted" | "mouth-corners" | "mouth-depth" | "region-lacks-bone" | "skin-off-prisms" | "mucosa-nodes" | "teeth-not-found" | "stripped-nodes" | "saw-line-nodes" | "globe-nodes" | "inner-cut-nodes" | "paint-without-nodes" | "twisted-wedges" | "tetrahedra-turned" | "no-tissue-array" | "no-attachment-array" | "coincident-points" | "creased-skin" | "flattened-skin" | "skin-wedges" | "unstable-material" | "material-not-used" | "implausible-stiffness" | "stiff-elements" | "stiff-smoothed-elements" | "materials-replaced" | "no-bone-to-slide-on" | "no-point-slides" | "segment-moves-nothing" | "tied-to-still-segment" | "held-tied-nodes" | "held-inside-bone" | "oblique-tangents" | "facing-overlap-at-rest" | "globe-pressed" | "overlap-at-rest" | "free-tissue-in-bone" | "tissue-through-bone" | "tissue-round-rim" | "shortened-substeps" | "squeezed-elements" | "neglected-strain" | "inside-out-elements" | "lost-ellipticity" | "left-out-moves" | "size-mismatch" | "surfaces-apart" | "not-registered" | "registration-oscillates" | "registration-far" | "registration-overlap" | "registration-mirrored" | "eyes-not-placed" | "different-plans" | "step-not-compared" | "budget-continued" | "budget-ended" | "budget-missed" | "budget-not-studied" | "error-not-estimated" | "joined-lips" | "points-not-measured" | "unconfirmed-landmarks" | "regions-by-proportions" | "made-again" | "text" | "path-stopped" | "no-stresses";
         /** @description One finding: what it is, how much it matters, where, and what to do. */
         WarningDocument: {
             /** @description What to do about it; absent when there is nothing. */
             action?: string | null;
-            /** @description Stable name of the kind; `api/warnings.md` lists them. */
-            code: string;
+            code: components["schemas"]["WarningCode"];
             /** @description One sentence: what, where, how much, with units. */
             message: string;
             /** @description How much it matters. */
@@ -3756,7 +3927,20 @@ export interface components {
         };
         /** @description The segment's motion from rest at path parameter `t`: translation and rotation, or a hinge. */
         WaypointRequest: {
-            hinge?: components["schemas"]["Hinge"] | null;
+            /** @description Hinge rotation; excludes `translation_mm` and `rotation`. */
+            hinge: components["schemas"]["Hinge"];
+            /** @description Excluded in this variant. */
+            rotation?: null;
+            /**
+             * Format: double
+             * @description Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
+             */
+            t: number;
+            /** @description Excluded in this variant. */
+            translation_mm?: null;
+        } | {
+            /** @description Excluded in this variant. */
+            hinge?: null;
             rotation?: components["schemas"]["RotationRequest"] | null;
             /**
              * Format: double
@@ -3975,6 +4159,730 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "backward": {
+                     *         "count": 81640,
+                     *         "l2_norm_mm": 130.2708,
+                     *         "max_mm": 4.0486,
+                     *         "mean_abs_mm": 0.101,
+                     *         "mean_mm": 0.0872,
+                     *         "p50_mm": 0,
+                     *         "p90_mm": 0.0886,
+                     *         "p95_mm": 0.5178,
+                     *         "rms_mm": 0.4507,
+                     *         "share_below_1_mm": 0.965,
+                     *         "share_below_2_mm": 0.9822,
+                     *         "share_below_3_mm": 0.9922,
+                     *         "variance_mm2": 0.1955
+                     *       },
+                     *       "backward_regions": {
+                     *         "cheek_left": {
+                     *           "count": 2883,
+                     *           "l2_norm_mm": 20.6192,
+                     *           "max_mm": 1.7892,
+                     *           "mean_abs_mm": 0.2055,
+                     *           "mean_mm": 0.1006,
+                     *           "p50_mm": 0.0972,
+                     *           "p90_mm": 0.6156,
+                     *           "p95_mm": 0.95,
+                     *           "rms_mm": 0.3755,
+                     *           "share_below_1_mm": 0.9546,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1309
+                     *         },
+                     *         "cheek_right": {
+                     *           "count": 2862,
+                     *           "l2_norm_mm": 19.5813,
+                     *           "max_mm": 1.6795,
+                     *           "mean_abs_mm": 0.1957,
+                     *           "mean_mm": 0.0928,
+                     *           "p50_mm": 0.0964,
+                     *           "p90_mm": 0.574,
+                     *           "p95_mm": 0.9093,
+                     *           "rms_mm": 0.356,
+                     *           "share_below_1_mm": 0.9586,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1181
+                     *         },
+                     *         "chin": {
+                     *           "count": 1528,
+                     *           "l2_norm_mm": 1.9892,
+                     *           "max_mm": 0.2876,
+                     *           "mean_abs_mm": 0.023,
+                     *           "mean_mm": 0.0126,
+                     *           "p50_mm": 0.0087,
+                     *           "p90_mm": 0.049,
+                     *           "p95_mm": 0.1271,
+                     *           "rms_mm": 0.0489,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0022
+                     *         },
+                     *         "forehead": {
+                     *           "count": 6259,
+                     *           "l2_norm_mm": 0.0025,
+                     *           "max_mm": 0.0008,
+                     *           "mean_abs_mm": 0,
+                     *           "mean_mm": 0,
+                     *           "p50_mm": 0,
+                     *           "p90_mm": 0,
+                     *           "p95_mm": 0,
+                     *           "rms_mm": 0,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "lower_lip": {
+                     *           "count": 809,
+                     *           "l2_norm_mm": 46.2404,
+                     *           "max_mm": 3.329,
+                     *           "mean_abs_mm": 1.4252,
+                     *           "mean_mm": 1.4252,
+                     *           "p50_mm": 1.2296,
+                     *           "p90_mm": 2.6982,
+                     *           "p95_mm": 2.9042,
+                     *           "rms_mm": 1.6389,
+                     *           "share_below_1_mm": 0.3629,
+                     *           "share_below_2_mm": 0.734,
+                     *           "share_below_3_mm": 0.9718,
+                     *           "variance_mm2": 0.655
+                     *         },
+                     *         "nose": {
+                     *           "count": 2026,
+                     *           "l2_norm_mm": 42.7499,
+                     *           "max_mm": 3.6737,
+                     *           "mean_abs_mm": 0.6029,
+                     *           "mean_mm": 0.5606,
+                     *           "p50_mm": 0.3729,
+                     *           "p90_mm": 1.3702,
+                     *           "p95_mm": 2.1672,
+                     *           "rms_mm": 0.9451,
+                     *           "share_below_1_mm": 0.7849,
+                     *           "share_below_2_mm": 0.9441,
+                     *           "share_below_3_mm": 0.9732,
+                     *           "variance_mm2": 0.579
+                     *         },
+                     *         "paranasal_left": {
+                     *           "count": 269,
+                     *           "l2_norm_mm": 40.4915,
+                     *           "max_mm": 3.244,
+                     *           "mean_abs_mm": 2.4047,
+                     *           "mean_mm": 2.4047,
+                     *           "p50_mm": 2.4402,
+                     *           "p90_mm": 2.9928,
+                     *           "p95_mm": 3.0945,
+                     *           "rms_mm": 2.4495,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0.2112,
+                     *           "share_below_3_mm": 0.9048,
+                     *           "variance_mm2": 0.2171
+                     *         },
+                     *         "paranasal_right": {
+                     *           "count": 283,
+                     *           "l2_norm_mm": 41.2586,
+                     *           "max_mm": 3.3254,
+                     *           "mean_abs_mm": 2.3801,
+                     *           "mean_mm": 2.3801,
+                     *           "p50_mm": 2.3958,
+                     *           "p90_mm": 3.0502,
+                     *           "p95_mm": 3.1582,
+                     *           "rms_mm": 2.4323,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0.2473,
+                     *           "share_below_3_mm": 0.8746,
+                     *           "variance_mm2": 0.2511
+                     *         },
+                     *         "submental": {
+                     *           "count": 1296,
+                     *           "l2_norm_mm": 0.0805,
+                     *           "max_mm": 0.0088,
+                     *           "mean_abs_mm": 0.0013,
+                     *           "mean_mm": 0.0009,
+                     *           "p50_mm": 0.0007,
+                     *           "p90_mm": 0.0037,
+                     *           "p95_mm": 0.0058,
+                     *           "rms_mm": 0.0022,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "upper_lip": {
+                     *           "count": 557,
+                     *           "l2_norm_mm": 81.1472,
+                     *           "max_mm": 4.0486,
+                     *           "mean_abs_mm": 3.4398,
+                     *           "mean_mm": 3.4398,
+                     *           "p50_mm": 3.4725,
+                     *           "p90_mm": 3.8731,
+                     *           "p95_mm": 3.9544,
+                     *           "rms_mm": 3.4567,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0,
+                     *           "share_below_3_mm": 0.1246,
+                     *           "variance_mm2": 0.1164
+                     *         }
+                     *       },
+                     *       "baselines": {
+                     *         "nearest_bone": {
+                     *           "regions": {
+                     *             "cheek_left": {
+                     *               "count": 2888,
+                     *               "l2_norm_mm": 42.0504,
+                     *               "max_mm": 2.9573,
+                     *               "mean_abs_mm": 0.2989,
+                     *               "mean_mm": 0.2989,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 1.318,
+                     *               "p95_mm": 2.2635,
+                     *               "rms_mm": 0.7588,
+                     *               "share_below_1_mm": 0.8781,
+                     *               "share_below_2_mm": 0.9373,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0.4864
+                     *             },
+                     *             "cheek_right": {
+                     *               "count": 2892,
+                     *               "l2_norm_mm": 42.8117,
+                     *               "max_mm": 2.9571,
+                     *               "mean_abs_mm": 0.3094,
+                     *               "mean_mm": 0.3094,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 1.3641,
+                     *               "p95_mm": 2.3239,
+                     *               "rms_mm": 0.7762,
+                     *               "share_below_1_mm": 0.8753,
+                     *               "share_below_2_mm": 0.9336,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0.5068
+                     *             },
+                     *             "chin": {
+                     *               "count": 1530,
+                     *               "l2_norm_mm": 0.1414,
+                     *               "max_mm": 0.0384,
+                     *               "mean_abs_mm": 0.0008,
+                     *               "mean_mm": 0.0008,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0.0009,
+                     *               "p95_mm": 0.0046,
+                     *               "rms_mm": 0.0035,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "forehead": {
+                     *               "count": 6259,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "lower_lip": {
+                     *               "count": 843,
+                     *               "l2_norm_mm": 55.1005,
+                     *               "max_mm": 3.3737,
+                     *               "mean_abs_mm": 1.5885,
+                     *               "mean_mm": 1.5885,
+                     *               "p50_mm": 1.7022,
+                     *               "p90_mm": 2.9726,
+                     *               "p95_mm": 3.1432,
+                     *               "rms_mm": 1.9519,
+                     *               "share_below_1_mm": 0.3779,
+                     *               "share_below_2_mm": 0.5494,
+                     *               "share_below_3_mm": 0.9072,
+                     *               "variance_mm2": 1.2867
+                     *             },
+                     *             "nose": {
+                     *               "count": 1991,
+                     *               "l2_norm_mm": 40.9771,
+                     *               "max_mm": 3.4748,
+                     *               "mean_abs_mm": 0.4756,
+                     *               "mean_mm": 0.4754,
+                     *               "p50_mm": 0.0007,
+                     *               "p90_mm": 1.8076,
+                     *               "p95_mm": 2.0989,
+                     *               "rms_mm": 0.9146,
+                     *               "share_below_1_mm": 0.7739,
+                     *               "share_below_2_mm": 0.9378,
+                     *               "share_below_3_mm": 0.9892,
+                     *               "variance_mm2": 0.6105
+                     *             },
+                     *             "paranasal_left": {
+                     *               "count": 272,
+                     *               "l2_norm_mm": 44.6104,
+                     *               "max_mm": 3.1075,
+                     *               "mean_abs_mm": 2.6494,
+                     *               "mean_mm": 2.6494,
+                     *               "p50_mm": 2.8229,
+                     *               "p90_mm": 3.0148,
+                     *               "p95_mm": 3.049,
+                     *               "rms_mm": 2.6951,
+                     *               "share_below_1_mm": 0.0186,
+                     *               "share_below_2_mm": 0.105,
+                     *               "share_below_3_mm": 0.889,
+                     *               "variance_mm2": 0.2442
+                     *             },
+                     *             "paranasal_right": {
+                     *               "count": 257,
+                     *               "l2_norm_mm": 42.5295,
+                     *               "max_mm": 3.1065,
+                     *               "mean_abs_mm": 2.5815,
+                     *               "mean_mm": 2.5815,
+                     *               "p50_mm": 2.7886,
+                     *               "p90_mm": 2.9949,
+                     *               "p95_mm": 3.0208,
+                     *               "rms_mm": 2.633,
+                     *               "share_below_1_mm": 0.0211,
+                     *               "share_below_2_mm": 0.1508,
+                     *               "share_below_3_mm": 0.9163,
+                     *               "variance_mm2": 0.2687
+                     *             },
+                     *             "submental": {
+                     *               "count": 1297,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "upper_lip": {
+                     *               "count": 493,
+                     *               "l2_norm_mm": 71.462,
+                     *               "max_mm": 3.4977,
+                     *               "mean_abs_mm": 3.2271,
+                     *               "mean_mm": 3.2271,
+                     *               "p50_mm": 3.2137,
+                     *               "p90_mm": 3.4397,
+                     *               "p95_mm": 3.4719,
+                     *               "rms_mm": 3.2306,
+                     *               "share_below_1_mm": 0,
+                     *               "share_below_2_mm": 0,
+                     *               "share_below_3_mm": 0.0634,
+                     *               "variance_mm2": 0.0223
+                     *             }
+                     *           },
+                     *           "whole": {
+                     *             "count": 81640,
+                     *             "l2_norm_mm": 142.4817,
+                     *             "max_mm": 3.4977,
+                     *             "mean_abs_mm": 0.1057,
+                     *             "mean_mm": 0.1057,
+                     *             "p50_mm": 0,
+                     *             "p90_mm": 0,
+                     *             "p95_mm": 0.3853,
+                     *             "rms_mm": 0.5061,
+                     *             "share_below_1_mm": 0.9596,
+                     *             "share_below_2_mm": 0.972,
+                     *             "share_below_3_mm": 0.9916,
+                     *             "variance_mm2": 0.245
+                     *           }
+                     *         },
+                     *         "no_prediction": {
+                     *           "regions": {
+                     *             "cheek_left": {
+                     *               "count": 2888,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "cheek_right": {
+                     *               "count": 2892,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "chin": {
+                     *               "count": 1530,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "forehead": {
+                     *               "count": 6259,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "lower_lip": {
+                     *               "count": 843,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "nose": {
+                     *               "count": 1991,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "paranasal_left": {
+                     *               "count": 272,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "paranasal_right": {
+                     *               "count": 257,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "submental": {
+                     *               "count": 1297,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "upper_lip": {
+                     *               "count": 493,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             }
+                     *           },
+                     *           "whole": {
+                     *             "count": 81640,
+                     *             "l2_norm_mm": 0,
+                     *             "max_mm": 0,
+                     *             "mean_abs_mm": 0,
+                     *             "mean_mm": 0,
+                     *             "p50_mm": 0,
+                     *             "p90_mm": 0,
+                     *             "p95_mm": 0,
+                     *             "rms_mm": 0,
+                     *             "share_below_1_mm": 1,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0
+                     *           }
+                     *         }
+                     *       },
+                     *       "correspondence": {
+                     *         "count": 81640,
+                     *         "l2_norm_mm": 155.5858,
+                     *         "max_mm": 4.2059,
+                     *         "mean_abs_mm": 0.144,
+                     *         "mean_mm": 0.144,
+                     *         "p50_mm": 0,
+                     *         "p90_mm": 0.2331,
+                     *         "p95_mm": 0.8403,
+                     *         "rms_mm": 0.5536,
+                     *         "share_below_1_mm": 0.9539,
+                     *         "share_below_2_mm": 0.972,
+                     *         "share_below_3_mm": 0.9886,
+                     *         "variance_mm2": 0.2857
+                     *       },
+                     *       "excluded": 0,
+                     *       "histogram": [
+                     *         {
+                     *           "from_mm": -3.25,
+                     *           "share": 0
+                     *         },
+                     *         {
+                     *           "from_mm": -3,
+                     *           "share": 0
+                     *         }
+                     *       ],
+                     *       "mask": "all",
+                     *       "reference": "target of session 0197a2c0-0000-7000-8000-000000000001",
+                     *       "regions": {
+                     *         "cheek_left": {
+                     *           "count": 2888,
+                     *           "l2_norm_mm": 21.2293,
+                     *           "max_mm": 1.8264,
+                     *           "mean_abs_mm": 0.2137,
+                     *           "mean_mm": 0.1113,
+                     *           "p50_mm": 0.101,
+                     *           "p90_mm": 0.6425,
+                     *           "p95_mm": 0.9856,
+                     *           "rms_mm": 0.3901,
+                     *           "share_below_1_mm": 0.9515,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1398
+                     *         },
+                     *         "cheek_right": {
+                     *           "count": 2892,
+                     *           "l2_norm_mm": 21.5743,
+                     *           "max_mm": 1.8719,
+                     *           "mean_abs_mm": 0.2156,
+                     *           "mean_mm": 0.1162,
+                     *           "p50_mm": 0.1022,
+                     *           "p90_mm": 0.6419,
+                     *           "p95_mm": 1.0414,
+                     *           "rms_mm": 0.3969,
+                     *           "share_below_1_mm": 0.9464,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1441
+                     *         },
+                     *         "chin": {
+                     *           "count": 1530,
+                     *           "l2_norm_mm": 1.9616,
+                     *           "max_mm": 0.3662,
+                     *           "mean_abs_mm": 0.0227,
+                     *           "mean_mm": 0.0125,
+                     *           "p50_mm": 0.0096,
+                     *           "p90_mm": 0.0431,
+                     *           "p95_mm": 0.1176,
+                     *           "rms_mm": 0.0479,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0021
+                     *         },
+                     *         "forehead": {
+                     *           "count": 6259,
+                     *           "l2_norm_mm": 0.0028,
+                     *           "max_mm": 0.0009,
+                     *           "mean_abs_mm": 0,
+                     *           "mean_mm": 0,
+                     *           "p50_mm": 0,
+                     *           "p90_mm": 0,
+                     *           "p95_mm": 0,
+                     *           "rms_mm": 0,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "lower_lip": {
+                     *           "count": 843,
+                     *           "l2_norm_mm": 49.9994,
+                     *           "max_mm": 3.5041,
+                     *           "mean_abs_mm": 1.532,
+                     *           "mean_mm": 1.532,
+                     *           "p50_mm": 1.3396,
+                     *           "p90_mm": 2.9323,
+                     *           "p95_mm": 3.2123,
+                     *           "rms_mm": 1.7694,
+                     *           "share_below_1_mm": 0.3193,
+                     *           "share_below_2_mm": 0.7094,
+                     *           "share_below_3_mm": 0.9153,
+                     *           "variance_mm2": 0.7835
+                     *         },
+                     *         "nose": {
+                     *           "count": 1991,
+                     *           "l2_norm_mm": 36.4943,
+                     *           "max_mm": 3.6711,
+                     *           "mean_abs_mm": 0.5534,
+                     *           "mean_mm": 0.512,
+                     *           "p50_mm": 0.3608,
+                     *           "p90_mm": 1.3374,
+                     *           "p95_mm": 1.5702,
+                     *           "rms_mm": 0.8157,
+                     *           "share_below_1_mm": 0.7717,
+                     *           "share_below_2_mm": 0.9782,
+                     *           "share_below_3_mm": 0.9922,
+                     *           "variance_mm2": 0.4032
+                     *         },
+                     *         "paranasal_left": {
+                     *           "count": 272,
+                     *           "l2_norm_mm": 41.9564,
+                     *           "max_mm": 3.3254,
+                     *           "mean_abs_mm": 2.4881,
+                     *           "mean_mm": 2.4881,
+                     *           "p50_mm": 2.5398,
+                     *           "p90_mm": 3.0931,
+                     *           "p95_mm": 3.2211,
+                     *           "rms_mm": 2.5349,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0.178,
+                     *           "share_below_3_mm": 0.8377,
+                     *           "variance_mm2": 0.235
+                     *         },
+                     *         "paranasal_right": {
+                     *           "count": 257,
+                     *           "l2_norm_mm": 40.6212,
+                     *           "max_mm": 3.3632,
+                     *           "mean_abs_mm": 2.4655,
+                     *           "mean_mm": 2.4655,
+                     *           "p50_mm": 2.4743,
+                     *           "p90_mm": 3.1138,
+                     *           "p95_mm": 3.2187,
+                     *           "rms_mm": 2.5138,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0.1847,
+                     *           "share_below_3_mm": 0.8333,
+                     *           "variance_mm2": 0.2407
+                     *         },
+                     *         "submental": {
+                     *           "count": 1297,
+                     *           "l2_norm_mm": 0.0927,
+                     *           "max_mm": 0.0102,
+                     *           "mean_abs_mm": 0.0015,
+                     *           "mean_mm": 0.0011,
+                     *           "p50_mm": 0.0008,
+                     *           "p90_mm": 0.0041,
+                     *           "p95_mm": 0.0065,
+                     *           "rms_mm": 0.0025,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "upper_lip": {
+                     *           "count": 493,
+                     *           "l2_norm_mm": 77.2796,
+                     *           "max_mm": 4.0518,
+                     *           "mean_abs_mm": 3.4924,
+                     *           "mean_mm": 3.4924,
+                     *           "p50_mm": 3.5216,
+                     *           "p90_mm": 3.8503,
+                     *           "p95_mm": 3.9539,
+                     *           "rms_mm": 3.5046,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0,
+                     *           "share_below_3_mm": 0.0734,
+                     *           "variance_mm2": 0.0852
+                     *         }
+                     *       },
+                     *       "registration": null,
+                     *       "roughness_mm": 0.0611,
+                     *       "smoothed": {
+                     *         "count": 81640,
+                     *         "l2_norm_mm": 122.4958,
+                     *         "max_mm": 3.6422,
+                     *         "mean_abs_mm": 0.1031,
+                     *         "mean_mm": 0.0913,
+                     *         "p50_mm": 0,
+                     *         "p90_mm": 0.102,
+                     *         "p95_mm": 0.6379,
+                     *         "rms_mm": 0.439,
+                     *         "share_below_1_mm": 0.9635,
+                     *         "share_below_2_mm": 0.9824,
+                     *         "share_below_3_mm": 0.9939,
+                     *         "variance_mm2": 0.1844
+                     *       },
+                     *       "warnings": [],
+                     *       "whole": {
+                     *         "count": 81640,
+                     *         "l2_norm_mm": 128.469,
+                     *         "max_mm": 4.0518,
+                     *         "mean_abs_mm": 0.1051,
+                     *         "mean_mm": 0.0916,
+                     *         "p50_mm": 0,
+                     *         "p90_mm": 0.0946,
+                     *         "p95_mm": 0.5651,
+                     *         "rms_mm": 0.4622,
+                     *         "share_below_1_mm": 0.963,
+                     *         "share_below_2_mm": 0.9818,
+                     *         "share_below_3_mm": 0.9914,
+                     *         "variance_mm2": 0.2052
+                     *       }
+                     *     }
+                     */
                     "application/json": components["schemas"]["CompareView"];
                     "image/png": string;
                     "model/gltf-binary": string;
@@ -4034,6 +4942,172 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "jobs": [
+                     *         {
+                     *           "attempt": 1,
+                     *           "created_at": "2026-11-28T16:00:05.325Z",
+                     *           "eta_s": null,
+                     *           "finished_at": "2026-11-28T16:00:09.946Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "kind": "solve",
+                     *           "links": {
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *             "last_skin": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/2/skin",
+                     *             "report": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001",
+                     *             "tissue": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/tissue",
+                     *             "topology": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/topology"
+                     *           },
+                     *           "notes": [
+                     *             {
+                     *               "action": "Use the locking option `patched`.",
+                     *               "code": "stiff-elements",
+                     *               "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *               "severity": "info"
+                     *             },
+                     *             {
+                     *               "code": "overlap-at-rest",
+                     *               "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *               "severity": "info"
+                     *             }
+                     *           ],
+                     *           "phase": "done",
+                     *           "plan": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "problem": null,
+                     *           "progress": 1,
+                     *           "queue_position": null,
+                     *           "residuals": [
+                     *             0.001,
+                     *             0
+                     *           ],
+                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "started_at": "2026-11-28T16:00:05.328Z",
+                     *           "status": "succeeded",
+                     *           "step": 2,
+                     *           "steps": 2,
+                     *           "warnings": []
+                     *         },
+                     *         {
+                     *           "attempt": 1,
+                     *           "created_at": "2026-11-28T16:00:02.048Z",
+                     *           "eta_s": null,
+                     *           "finished_at": "2026-11-28T16:00:04.578Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "kind": "mesh",
+                     *           "links": {
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *             "mesh": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/mesh",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *           },
+                     *           "notes": [
+                     *             {
+                     *               "code": "mesh-pockets",
+                     *               "message": "tissue behind narrow necks was left out: 12 pockets with 758 tetrahedra and 8.71 cm³, 1.8 % of the mesh",
+                     *               "severity": "info"
+                     *             },
+                     *             {
+                     *               "code": "mesh-loose-parts",
+                     *               "message": "4 parts attached to the tissue by fewer than two faces were dropped (6 of 25220 elements)",
+                     *               "severity": "info"
+                     *             }
+                     *           ],
+                     *           "phase": "done",
+                     *           "problem": null,
+                     *           "progress": 1,
+                     *           "queue_position": null,
+                     *           "residuals": [],
+                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "started_at": "2026-11-28T16:00:02.052Z",
+                     *           "status": "succeeded",
+                     *           "step": 0,
+                     *           "steps": 0,
+                     *           "warnings": []
+                     *         },
+                     *         {
+                     *           "attempt": 1,
+                     *           "created_at": "2026-11-28T15:59:55.660Z",
+                     *           "eta_s": null,
+                     *           "finished_at": "2026-11-28T16:00:01.214Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "kind": "field",
+                     *           "links": {
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *             "field": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/field",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *           },
+                     *           "notes": [
+                     *             {
+                     *               "code": "envelope-parts-dropped",
+                     *               "message": "3 separate parts smaller than 1000 mm³ dropped (3 mm³ in all)",
+                     *               "severity": "info"
+                     *             },
+                     *             {
+                     *               "code": "cavities-filled",
+                     *               "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.4 cm³, surface 826.6 cm³",
+                     *               "severity": "info"
+                     *             }
+                     *           ],
+                     *           "phase": "done",
+                     *           "problem": null,
+                     *           "progress": 1,
+                     *           "queue_position": null,
+                     *           "residuals": [],
+                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "started_at": "2026-11-28T15:59:55.662Z",
+                     *           "status": "succeeded",
+                     *           "step": 0,
+                     *           "steps": 0,
+                     *           "warnings": []
+                     *         },
+                     *         {
+                     *           "attempt": 1,
+                     *           "created_at": "2026-11-28T15:59:45.422Z",
+                     *           "eta_s": null,
+                     *           "finished_at": "2026-11-28T15:59:53.616Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "kind": "import",
+                     *           "links": {
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001",
+                     *             "skin": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/skin",
+                     *             "skull": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/skull"
+                     *           },
+                     *           "notes": [
+                     *             {
+                     *               "code": "airways-closed",
+                     *               "message": "1 airways that leave the volume were closed at its faces",
+                     *               "severity": "info"
+                     *             },
+                     *             {
+                     *               "code": "removed-beside-head",
+                     *               "message": "36.4 cm³ beside the head or in sheets were left out (head rest, mask, streaks)",
+                     *               "severity": "info"
+                     *             }
+                     *           ],
+                     *           "phase": "done",
+                     *           "problem": null,
+                     *           "progress": 1,
+                     *           "queue_position": null,
+                     *           "residuals": [],
+                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "started_at": "2026-11-28T15:59:45.425Z",
+                     *           "status": "succeeded",
+                     *           "step": 0,
+                     *           "steps": 0,
+                     *           "warnings": [
+                     *             {
+                     *               "action": "Check the surfaces in these slices.",
+                     *               "code": "metal",
+                     *               "message": "bone, air and skin are inexact in the slices with metal, and flat pieces there were left out",
+                     *               "severity": "check"
+                     *             }
+                     *           ]
+                     *         }
+                     *       ]
+                     *     }
+                     */
                     "application/json": components["schemas"]["JobList"];
                 };
             };
@@ -4077,6 +5151,32 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "attempt": 1,
+                     *       "created_at": "2026-11-28T16:00:12.157Z",
+                     *       "eta_s": null,
+                     *       "finished_at": "2026-11-28T16:00:14.070Z",
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "kind": "compare",
+                     *       "links": {
+                     *         "comparison": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/comparison",
+                     *         "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *         "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *       },
+                     *       "phase": "done",
+                     *       "problem": null,
+                     *       "progress": 1,
+                     *       "queue_position": null,
+                     *       "residuals": [],
+                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "started_at": "2026-11-28T16:00:12.159Z",
+                     *       "status": "succeeded",
+                     *       "step": 0,
+                     *       "steps": 0,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["JobView"];
                 };
             };
@@ -4113,6 +5213,34 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "attempt": 1,
+                     *       "cancel_requested_at": "2026-11-28T16:00:14.958Z",
+                     *       "created_at": "2026-11-28T16:00:14.953Z",
+                     *       "eta_s": null,
+                     *       "finished_at": null,
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "kind": "solve",
+                     *       "links": {
+                     *         "cancel": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/cancel",
+                     *         "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *         "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *       },
+                     *       "phase": "reading",
+                     *       "plan": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "problem": null,
+                     *       "progress": 0,
+                     *       "queue_position": null,
+                     *       "residuals": [],
+                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "started_at": "2026-11-28T16:00:14.956Z",
+                     *       "status": "running",
+                     *       "step": 0,
+                     *       "steps": 200,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["JobView"];
                 };
             };
@@ -4156,6 +5284,730 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "backward": {
+                     *         "count": 81640,
+                     *         "l2_norm_mm": 130.2708,
+                     *         "max_mm": 4.0486,
+                     *         "mean_abs_mm": 0.101,
+                     *         "mean_mm": 0.0872,
+                     *         "p50_mm": 0,
+                     *         "p90_mm": 0.0886,
+                     *         "p95_mm": 0.5178,
+                     *         "rms_mm": 0.4507,
+                     *         "share_below_1_mm": 0.965,
+                     *         "share_below_2_mm": 0.9822,
+                     *         "share_below_3_mm": 0.9922,
+                     *         "variance_mm2": 0.1955
+                     *       },
+                     *       "backward_regions": {
+                     *         "cheek_left": {
+                     *           "count": 2883,
+                     *           "l2_norm_mm": 20.6192,
+                     *           "max_mm": 1.7892,
+                     *           "mean_abs_mm": 0.2055,
+                     *           "mean_mm": 0.1006,
+                     *           "p50_mm": 0.0972,
+                     *           "p90_mm": 0.6156,
+                     *           "p95_mm": 0.95,
+                     *           "rms_mm": 0.3755,
+                     *           "share_below_1_mm": 0.9546,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1309
+                     *         },
+                     *         "cheek_right": {
+                     *           "count": 2862,
+                     *           "l2_norm_mm": 19.5813,
+                     *           "max_mm": 1.6795,
+                     *           "mean_abs_mm": 0.1957,
+                     *           "mean_mm": 0.0928,
+                     *           "p50_mm": 0.0964,
+                     *           "p90_mm": 0.574,
+                     *           "p95_mm": 0.9093,
+                     *           "rms_mm": 0.356,
+                     *           "share_below_1_mm": 0.9586,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1181
+                     *         },
+                     *         "chin": {
+                     *           "count": 1528,
+                     *           "l2_norm_mm": 1.9892,
+                     *           "max_mm": 0.2876,
+                     *           "mean_abs_mm": 0.023,
+                     *           "mean_mm": 0.0126,
+                     *           "p50_mm": 0.0087,
+                     *           "p90_mm": 0.049,
+                     *           "p95_mm": 0.1271,
+                     *           "rms_mm": 0.0489,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0022
+                     *         },
+                     *         "forehead": {
+                     *           "count": 6259,
+                     *           "l2_norm_mm": 0.0025,
+                     *           "max_mm": 0.0008,
+                     *           "mean_abs_mm": 0,
+                     *           "mean_mm": 0,
+                     *           "p50_mm": 0,
+                     *           "p90_mm": 0,
+                     *           "p95_mm": 0,
+                     *           "rms_mm": 0,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "lower_lip": {
+                     *           "count": 809,
+                     *           "l2_norm_mm": 46.2404,
+                     *           "max_mm": 3.329,
+                     *           "mean_abs_mm": 1.4252,
+                     *           "mean_mm": 1.4252,
+                     *           "p50_mm": 1.2296,
+                     *           "p90_mm": 2.6982,
+                     *           "p95_mm": 2.9042,
+                     *           "rms_mm": 1.6389,
+                     *           "share_below_1_mm": 0.3629,
+                     *           "share_below_2_mm": 0.734,
+                     *           "share_below_3_mm": 0.9718,
+                     *           "variance_mm2": 0.655
+                     *         },
+                     *         "nose": {
+                     *           "count": 2026,
+                     *           "l2_norm_mm": 42.7499,
+                     *           "max_mm": 3.6737,
+                     *           "mean_abs_mm": 0.6029,
+                     *           "mean_mm": 0.5606,
+                     *           "p50_mm": 0.3729,
+                     *           "p90_mm": 1.3702,
+                     *           "p95_mm": 2.1672,
+                     *           "rms_mm": 0.9451,
+                     *           "share_below_1_mm": 0.7849,
+                     *           "share_below_2_mm": 0.9441,
+                     *           "share_below_3_mm": 0.9732,
+                     *           "variance_mm2": 0.579
+                     *         },
+                     *         "paranasal_left": {
+                     *           "count": 269,
+                     *           "l2_norm_mm": 40.4915,
+                     *           "max_mm": 3.244,
+                     *           "mean_abs_mm": 2.4047,
+                     *           "mean_mm": 2.4047,
+                     *           "p50_mm": 2.4402,
+                     *           "p90_mm": 2.9928,
+                     *           "p95_mm": 3.0945,
+                     *           "rms_mm": 2.4495,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0.2112,
+                     *           "share_below_3_mm": 0.9048,
+                     *           "variance_mm2": 0.2171
+                     *         },
+                     *         "paranasal_right": {
+                     *           "count": 283,
+                     *           "l2_norm_mm": 41.2586,
+                     *           "max_mm": 3.3254,
+                     *           "mean_abs_mm": 2.3801,
+                     *           "mean_mm": 2.3801,
+                     *           "p50_mm": 2.3958,
+                     *           "p90_mm": 3.0502,
+                     *           "p95_mm": 3.1582,
+                     *           "rms_mm": 2.4323,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0.2473,
+                     *           "share_below_3_mm": 0.8746,
+                     *           "variance_mm2": 0.2511
+                     *         },
+                     *         "submental": {
+                     *           "count": 1296,
+                     *           "l2_norm_mm": 0.0805,
+                     *           "max_mm": 0.0088,
+                     *           "mean_abs_mm": 0.0013,
+                     *           "mean_mm": 0.0009,
+                     *           "p50_mm": 0.0007,
+                     *           "p90_mm": 0.0037,
+                     *           "p95_mm": 0.0058,
+                     *           "rms_mm": 0.0022,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "upper_lip": {
+                     *           "count": 557,
+                     *           "l2_norm_mm": 81.1472,
+                     *           "max_mm": 4.0486,
+                     *           "mean_abs_mm": 3.4398,
+                     *           "mean_mm": 3.4398,
+                     *           "p50_mm": 3.4725,
+                     *           "p90_mm": 3.8731,
+                     *           "p95_mm": 3.9544,
+                     *           "rms_mm": 3.4567,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0,
+                     *           "share_below_3_mm": 0.1246,
+                     *           "variance_mm2": 0.1164
+                     *         }
+                     *       },
+                     *       "baselines": {
+                     *         "nearest_bone": {
+                     *           "regions": {
+                     *             "cheek_left": {
+                     *               "count": 2888,
+                     *               "l2_norm_mm": 42.0504,
+                     *               "max_mm": 2.9573,
+                     *               "mean_abs_mm": 0.2989,
+                     *               "mean_mm": 0.2989,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 1.318,
+                     *               "p95_mm": 2.2635,
+                     *               "rms_mm": 0.7588,
+                     *               "share_below_1_mm": 0.8781,
+                     *               "share_below_2_mm": 0.9373,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0.4864
+                     *             },
+                     *             "cheek_right": {
+                     *               "count": 2892,
+                     *               "l2_norm_mm": 42.8117,
+                     *               "max_mm": 2.9571,
+                     *               "mean_abs_mm": 0.3094,
+                     *               "mean_mm": 0.3094,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 1.3641,
+                     *               "p95_mm": 2.3239,
+                     *               "rms_mm": 0.7762,
+                     *               "share_below_1_mm": 0.8753,
+                     *               "share_below_2_mm": 0.9336,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0.5068
+                     *             },
+                     *             "chin": {
+                     *               "count": 1530,
+                     *               "l2_norm_mm": 0.1414,
+                     *               "max_mm": 0.0384,
+                     *               "mean_abs_mm": 0.0008,
+                     *               "mean_mm": 0.0008,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0.0009,
+                     *               "p95_mm": 0.0046,
+                     *               "rms_mm": 0.0035,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "forehead": {
+                     *               "count": 6259,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "lower_lip": {
+                     *               "count": 843,
+                     *               "l2_norm_mm": 55.1005,
+                     *               "max_mm": 3.3737,
+                     *               "mean_abs_mm": 1.5885,
+                     *               "mean_mm": 1.5885,
+                     *               "p50_mm": 1.7022,
+                     *               "p90_mm": 2.9726,
+                     *               "p95_mm": 3.1432,
+                     *               "rms_mm": 1.9519,
+                     *               "share_below_1_mm": 0.3779,
+                     *               "share_below_2_mm": 0.5494,
+                     *               "share_below_3_mm": 0.9072,
+                     *               "variance_mm2": 1.2867
+                     *             },
+                     *             "nose": {
+                     *               "count": 1991,
+                     *               "l2_norm_mm": 40.9771,
+                     *               "max_mm": 3.4748,
+                     *               "mean_abs_mm": 0.4756,
+                     *               "mean_mm": 0.4754,
+                     *               "p50_mm": 0.0007,
+                     *               "p90_mm": 1.8076,
+                     *               "p95_mm": 2.0989,
+                     *               "rms_mm": 0.9146,
+                     *               "share_below_1_mm": 0.7739,
+                     *               "share_below_2_mm": 0.9378,
+                     *               "share_below_3_mm": 0.9892,
+                     *               "variance_mm2": 0.6105
+                     *             },
+                     *             "paranasal_left": {
+                     *               "count": 272,
+                     *               "l2_norm_mm": 44.6104,
+                     *               "max_mm": 3.1075,
+                     *               "mean_abs_mm": 2.6494,
+                     *               "mean_mm": 2.6494,
+                     *               "p50_mm": 2.8229,
+                     *               "p90_mm": 3.0148,
+                     *               "p95_mm": 3.049,
+                     *               "rms_mm": 2.6951,
+                     *               "share_below_1_mm": 0.0186,
+                     *               "share_below_2_mm": 0.105,
+                     *               "share_below_3_mm": 0.889,
+                     *               "variance_mm2": 0.2442
+                     *             },
+                     *             "paranasal_right": {
+                     *               "count": 257,
+                     *               "l2_norm_mm": 42.5295,
+                     *               "max_mm": 3.1065,
+                     *               "mean_abs_mm": 2.5815,
+                     *               "mean_mm": 2.5815,
+                     *               "p50_mm": 2.7886,
+                     *               "p90_mm": 2.9949,
+                     *               "p95_mm": 3.0208,
+                     *               "rms_mm": 2.633,
+                     *               "share_below_1_mm": 0.0211,
+                     *               "share_below_2_mm": 0.1508,
+                     *               "share_below_3_mm": 0.9163,
+                     *               "variance_mm2": 0.2687
+                     *             },
+                     *             "submental": {
+                     *               "count": 1297,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "upper_lip": {
+                     *               "count": 493,
+                     *               "l2_norm_mm": 71.462,
+                     *               "max_mm": 3.4977,
+                     *               "mean_abs_mm": 3.2271,
+                     *               "mean_mm": 3.2271,
+                     *               "p50_mm": 3.2137,
+                     *               "p90_mm": 3.4397,
+                     *               "p95_mm": 3.4719,
+                     *               "rms_mm": 3.2306,
+                     *               "share_below_1_mm": 0,
+                     *               "share_below_2_mm": 0,
+                     *               "share_below_3_mm": 0.0634,
+                     *               "variance_mm2": 0.0223
+                     *             }
+                     *           },
+                     *           "whole": {
+                     *             "count": 81640,
+                     *             "l2_norm_mm": 142.4817,
+                     *             "max_mm": 3.4977,
+                     *             "mean_abs_mm": 0.1057,
+                     *             "mean_mm": 0.1057,
+                     *             "p50_mm": 0,
+                     *             "p90_mm": 0,
+                     *             "p95_mm": 0.3853,
+                     *             "rms_mm": 0.5061,
+                     *             "share_below_1_mm": 0.9596,
+                     *             "share_below_2_mm": 0.972,
+                     *             "share_below_3_mm": 0.9916,
+                     *             "variance_mm2": 0.245
+                     *           }
+                     *         },
+                     *         "no_prediction": {
+                     *           "regions": {
+                     *             "cheek_left": {
+                     *               "count": 2888,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "cheek_right": {
+                     *               "count": 2892,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "chin": {
+                     *               "count": 1530,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "forehead": {
+                     *               "count": 6259,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "lower_lip": {
+                     *               "count": 843,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "nose": {
+                     *               "count": 1991,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "paranasal_left": {
+                     *               "count": 272,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "paranasal_right": {
+                     *               "count": 257,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "submental": {
+                     *               "count": 1297,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             },
+                     *             "upper_lip": {
+                     *               "count": 493,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             }
+                     *           },
+                     *           "whole": {
+                     *             "count": 81640,
+                     *             "l2_norm_mm": 0,
+                     *             "max_mm": 0,
+                     *             "mean_abs_mm": 0,
+                     *             "mean_mm": 0,
+                     *             "p50_mm": 0,
+                     *             "p90_mm": 0,
+                     *             "p95_mm": 0,
+                     *             "rms_mm": 0,
+                     *             "share_below_1_mm": 1,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0
+                     *           }
+                     *         }
+                     *       },
+                     *       "correspondence": {
+                     *         "count": 81640,
+                     *         "l2_norm_mm": 155.5858,
+                     *         "max_mm": 4.2059,
+                     *         "mean_abs_mm": 0.144,
+                     *         "mean_mm": 0.144,
+                     *         "p50_mm": 0,
+                     *         "p90_mm": 0.2331,
+                     *         "p95_mm": 0.8403,
+                     *         "rms_mm": 0.5536,
+                     *         "share_below_1_mm": 0.9539,
+                     *         "share_below_2_mm": 0.972,
+                     *         "share_below_3_mm": 0.9886,
+                     *         "variance_mm2": 0.2857
+                     *       },
+                     *       "excluded": 0,
+                     *       "histogram": [
+                     *         {
+                     *           "from_mm": -3.25,
+                     *           "share": 0
+                     *         },
+                     *         {
+                     *           "from_mm": -3,
+                     *           "share": 0
+                     *         }
+                     *       ],
+                     *       "mask": "all",
+                     *       "reference": "target of session 0197a2c0-0000-7000-8000-000000000001",
+                     *       "regions": {
+                     *         "cheek_left": {
+                     *           "count": 2888,
+                     *           "l2_norm_mm": 21.2293,
+                     *           "max_mm": 1.8264,
+                     *           "mean_abs_mm": 0.2137,
+                     *           "mean_mm": 0.1113,
+                     *           "p50_mm": 0.101,
+                     *           "p90_mm": 0.6425,
+                     *           "p95_mm": 0.9856,
+                     *           "rms_mm": 0.3901,
+                     *           "share_below_1_mm": 0.9515,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1398
+                     *         },
+                     *         "cheek_right": {
+                     *           "count": 2892,
+                     *           "l2_norm_mm": 21.5743,
+                     *           "max_mm": 1.8719,
+                     *           "mean_abs_mm": 0.2156,
+                     *           "mean_mm": 0.1162,
+                     *           "p50_mm": 0.1022,
+                     *           "p90_mm": 0.6419,
+                     *           "p95_mm": 1.0414,
+                     *           "rms_mm": 0.3969,
+                     *           "share_below_1_mm": 0.9464,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1441
+                     *         },
+                     *         "chin": {
+                     *           "count": 1530,
+                     *           "l2_norm_mm": 1.9616,
+                     *           "max_mm": 0.3662,
+                     *           "mean_abs_mm": 0.0227,
+                     *           "mean_mm": 0.0125,
+                     *           "p50_mm": 0.0096,
+                     *           "p90_mm": 0.0431,
+                     *           "p95_mm": 0.1176,
+                     *           "rms_mm": 0.0479,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0021
+                     *         },
+                     *         "forehead": {
+                     *           "count": 6259,
+                     *           "l2_norm_mm": 0.0028,
+                     *           "max_mm": 0.0009,
+                     *           "mean_abs_mm": 0,
+                     *           "mean_mm": 0,
+                     *           "p50_mm": 0,
+                     *           "p90_mm": 0,
+                     *           "p95_mm": 0,
+                     *           "rms_mm": 0,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "lower_lip": {
+                     *           "count": 843,
+                     *           "l2_norm_mm": 49.9994,
+                     *           "max_mm": 3.5041,
+                     *           "mean_abs_mm": 1.532,
+                     *           "mean_mm": 1.532,
+                     *           "p50_mm": 1.3396,
+                     *           "p90_mm": 2.9323,
+                     *           "p95_mm": 3.2123,
+                     *           "rms_mm": 1.7694,
+                     *           "share_below_1_mm": 0.3193,
+                     *           "share_below_2_mm": 0.7094,
+                     *           "share_below_3_mm": 0.9153,
+                     *           "variance_mm2": 0.7835
+                     *         },
+                     *         "nose": {
+                     *           "count": 1991,
+                     *           "l2_norm_mm": 36.4943,
+                     *           "max_mm": 3.6711,
+                     *           "mean_abs_mm": 0.5534,
+                     *           "mean_mm": 0.512,
+                     *           "p50_mm": 0.3608,
+                     *           "p90_mm": 1.3374,
+                     *           "p95_mm": 1.5702,
+                     *           "rms_mm": 0.8157,
+                     *           "share_below_1_mm": 0.7717,
+                     *           "share_below_2_mm": 0.9782,
+                     *           "share_below_3_mm": 0.9922,
+                     *           "variance_mm2": 0.4032
+                     *         },
+                     *         "paranasal_left": {
+                     *           "count": 272,
+                     *           "l2_norm_mm": 41.9564,
+                     *           "max_mm": 3.3254,
+                     *           "mean_abs_mm": 2.4881,
+                     *           "mean_mm": 2.4881,
+                     *           "p50_mm": 2.5398,
+                     *           "p90_mm": 3.0931,
+                     *           "p95_mm": 3.2211,
+                     *           "rms_mm": 2.5349,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0.178,
+                     *           "share_below_3_mm": 0.8377,
+                     *           "variance_mm2": 0.235
+                     *         },
+                     *         "paranasal_right": {
+                     *           "count": 257,
+                     *           "l2_norm_mm": 40.6212,
+                     *           "max_mm": 3.3632,
+                     *           "mean_abs_mm": 2.4655,
+                     *           "mean_mm": 2.4655,
+                     *           "p50_mm": 2.4743,
+                     *           "p90_mm": 3.1138,
+                     *           "p95_mm": 3.2187,
+                     *           "rms_mm": 2.5138,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0.1847,
+                     *           "share_below_3_mm": 0.8333,
+                     *           "variance_mm2": 0.2407
+                     *         },
+                     *         "submental": {
+                     *           "count": 1297,
+                     *           "l2_norm_mm": 0.0927,
+                     *           "max_mm": 0.0102,
+                     *           "mean_abs_mm": 0.0015,
+                     *           "mean_mm": 0.0011,
+                     *           "p50_mm": 0.0008,
+                     *           "p90_mm": 0.0041,
+                     *           "p95_mm": 0.0065,
+                     *           "rms_mm": 0.0025,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "upper_lip": {
+                     *           "count": 493,
+                     *           "l2_norm_mm": 77.2796,
+                     *           "max_mm": 4.0518,
+                     *           "mean_abs_mm": 3.4924,
+                     *           "mean_mm": 3.4924,
+                     *           "p50_mm": 3.5216,
+                     *           "p90_mm": 3.8503,
+                     *           "p95_mm": 3.9539,
+                     *           "rms_mm": 3.5046,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0,
+                     *           "share_below_3_mm": 0.0734,
+                     *           "variance_mm2": 0.0852
+                     *         }
+                     *       },
+                     *       "registration": null,
+                     *       "roughness_mm": 0.0611,
+                     *       "smoothed": {
+                     *         "count": 81640,
+                     *         "l2_norm_mm": 122.4958,
+                     *         "max_mm": 3.6422,
+                     *         "mean_abs_mm": 0.1031,
+                     *         "mean_mm": 0.0913,
+                     *         "p50_mm": 0,
+                     *         "p90_mm": 0.102,
+                     *         "p95_mm": 0.6379,
+                     *         "rms_mm": 0.439,
+                     *         "share_below_1_mm": 0.9635,
+                     *         "share_below_2_mm": 0.9824,
+                     *         "share_below_3_mm": 0.9939,
+                     *         "variance_mm2": 0.1844
+                     *       },
+                     *       "warnings": [],
+                     *       "whole": {
+                     *         "count": 81640,
+                     *         "l2_norm_mm": 128.469,
+                     *         "max_mm": 4.0518,
+                     *         "mean_abs_mm": 0.1051,
+                     *         "mean_mm": 0.0916,
+                     *         "p50_mm": 0,
+                     *         "p90_mm": 0.0946,
+                     *         "p95_mm": 0.5651,
+                     *         "rms_mm": 0.4622,
+                     *         "share_below_1_mm": 0.963,
+                     *         "share_below_2_mm": 0.9818,
+                     *         "share_below_3_mm": 0.9914,
+                     *         "variance_mm2": 0.2052
+                     *       }
+                     *     }
+                     */
                     "application/json": components["schemas"]["CompareView"];
                     "image/png": string;
                     "model/gltf-binary": string;
@@ -4209,6 +6061,79 @@ export interface operations {
                 };
                 content: {
                     "text/event-stream": components["schemas"]["SentEvent"];
+                    /**
+                     * @example {
+                     *       "data": {
+                     *         "active_contacts": 2,
+                     *         "converged": true,
+                     *         "factorisations": 1,
+                     *         "free_penetration_mm": 0.8648605246430113,
+                     *         "gliding_gap_mm": 0.003641572209972188,
+                     *         "k": 1,
+                     *         "links": {
+                     *           "error": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/1/error",
+                     *           "frame": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/1/frame",
+                     *           "skin": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/1/skin"
+                     *         },
+                     *         "max_displacement_mm": 2.107666254043579,
+                     *         "max_penetration_mm": 0.00019167135804915025,
+                     *         "min_det_f": 0.9029683593276366,
+                     *         "newton_iterations": 2,
+                     *         "notes": [
+                     *           {
+                     *             "action": "Use the locking option `patched`.",
+                     *             "code": "stiff-elements",
+                     *             "message": "the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *             "severity": "info"
+                     *           },
+                     *           {
+                     *             "code": "overlap-at-rest",
+                     *             "message": "1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *             "severity": "info"
+                     *           }
+                     *         ],
+                     *         "outcome": "converged",
+                     *         "phases": {
+                     *           "contact_s": 0.017003460999998055,
+                     *           "factor_s": 0.04466349300000161,
+                     *           "line_search_s": 0.006040773999998805,
+                     *           "residual_s": 0.01788942899999313,
+                     *           "setup_s": 0.12268133300000272,
+                     *           "solve_s": 0.08381242999999827,
+                     *           "tangent_s": 0.053183265999997786
+                     *         },
+                     *         "pulled_off_nodes": 0,
+                     *         "reactions": [
+                     *           {
+                     *             "force_n": [
+                     *               -0.01895671558678111,
+                     *               7.884257320303771,
+                     *               -0.046712311204516445
+                     *             ],
+                     *             "segment": 0
+                     *           },
+                     *           {
+                     *             "force_n": [
+                     *               0.0025673331070757872,
+                     *               -10.849533333055717,
+                     *               0.030692548767880135
+                     *             ],
+                     *             "segment": 1
+                     *           }
+                     *         ],
+                     *         "relative_residual": 0.0009536706550457569,
+                     *         "remaining_mm": 0.003831266537197342,
+                     *         "steps": 2,
+                     *         "substeps": 1,
+                     *         "t": 0.5,
+                     *         "unknowns": 18324,
+                     *         "wall_s": 0.697583596,
+                     *         "warnings": []
+                     *       },
+                     *       "event": "step",
+                     *       "id": 6
+                     *     }
+                     */
                     "application/x-ndjson": components["schemas"]["JobEventLine"];
                 };
             };
@@ -4354,6 +6279,1315 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "attached": {
+                     *         "fixed_nodes": 889,
+                     *         "free_nodes_at_bone": 142,
+                     *         "gliding_nodes": {
+                     *           "0": 187,
+                     *           "1": 93
+                     *         },
+                     *         "painted_nodes": 0,
+                     *         "sliding_nodes": 88,
+                     *         "tied_nodes": {
+                     *           "0": 829,
+                     *           "1": 7
+                     *         }
+                     *       },
+                     *       "attempt": 1,
+                     *       "clinical": {
+                     *         "hard_points": [
+                     *           {
+                     *             "down_mm": 0,
+                     *             "forward_mm": 5,
+                     *             "left_mm": 0,
+                     *             "name": "ans",
+                     *             "position_mm": [
+                     *               0,
+                     *               -85.0616,
+                     *               27.2
+                     *             ],
+                     *             "proposed": false
+                     *           },
+                     *           {
+                     *             "down_mm": 0,
+                     *             "forward_mm": 5,
+                     *             "left_mm": 0,
+                     *             "name": "a_point",
+                     *             "position_mm": [
+                     *               -0.1,
+                     *               -84.3563,
+                     *               14.882
+                     *             ],
+                     *             "proposed": true
+                     *           }
+                     *         ],
+                     *         "labiomental_deg": {
+                     *           "after": 137.2653,
+                     *           "before": 143.9206
+                     *         },
+                     *         "lip_gap_mm": {
+                     *           "after": 0,
+                     *           "before": 0
+                     *         },
+                     *         "midline_proposed": false,
+                     *         "midline_x_mm": 0,
+                     *         "mouth_sealed": true,
+                     *         "nasolabial_deg": {
+                     *           "after": 97.8125,
+                     *           "before": 92.9011
+                     *         },
+                     *         "profile": [
+                     *           {
+                     *             "after_yz_mm": [
+                     *               [
+                     *                 -89.259,
+                     *                 109.513
+                     *               ],
+                     *               [
+                     *                 -89.499,
+                     *                 109.015
+                     *               ]
+                     *             ],
+                     *             "before_yz_mm": [
+                     *               [
+                     *                 -89.259,
+                     *                 109.513
+                     *               ],
+                     *               [
+                     *                 -89.499,
+                     *                 109.015
+                     *               ]
+                     *             ]
+                     *           }
+                     *         ],
+                     *         "ratios": [
+                     *           {
+                     *             "hard": "a_point",
+                     *             "ratio": 0.2786,
+                     *             "soft": "pronasale"
+                     *           },
+                     *           {
+                     *             "hard": "a_point",
+                     *             "ratio": 0.626,
+                     *             "soft": "subnasale"
+                     *           }
+                     *         ],
+                     *         "soft_points": [
+                     *           {
+                     *             "down_mm": -1.9072,
+                     *             "forward_mm": 1.3928,
+                     *             "left_mm": 0.0072,
+                     *             "name": "pronasale",
+                     *             "position_mm": [
+                     *               -0.0008,
+                     *               -112.2309,
+                     *               40.4989
+                     *             ],
+                     *             "proposed": false
+                     *           },
+                     *           {
+                     *             "down_mm": -1.6795,
+                     *             "forward_mm": 2.1028,
+                     *             "left_mm": 0.029,
+                     *             "name": "columella",
+                     *             "position_mm": [
+                     *               0,
+                     *               -107.7824,
+                     *               32.4911
+                     *             ],
+                     *             "proposed": true
+                     *           }
+                     *         ]
+                     *       },
+                     *       "error": {
+                     *         "backward": {
+                     *           "count": 18001,
+                     *           "l2_norm_mm": 119.2697,
+                     *           "max_mm": 4.0486,
+                     *           "mean_abs_mm": 0.3696,
+                     *           "mean_mm": 0.3306,
+                     *           "p50_mm": 0.008,
+                     *           "p90_mm": 1.2758,
+                     *           "p95_mm": 2.6366,
+                     *           "rms_mm": 0.8972,
+                     *           "share_below_1_mm": 0.875,
+                     *           "share_below_2_mm": 0.9291,
+                     *           "share_below_3_mm": 0.9647,
+                     *           "variance_mm2": 0.6956
+                     *         },
+                     *         "backward_regions": {
+                     *           "cheek_left": {
+                     *             "count": 2759,
+                     *             "l2_norm_mm": 20.4803,
+                     *             "max_mm": 1.7892,
+                     *             "mean_abs_mm": 0.2092,
+                     *             "mean_mm": 0.1049,
+                     *             "p50_mm": 0.1004,
+                     *             "p90_mm": 0.6297,
+                     *             "p95_mm": 0.9736,
+                     *             "rms_mm": 0.3815,
+                     *             "share_below_1_mm": 0.9523,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0.1345
+                     *           },
+                     *           "cheek_right": {
+                     *             "count": 2729,
+                     *             "l2_norm_mm": 19.4521,
+                     *             "max_mm": 1.6795,
+                     *             "mean_abs_mm": 0.1998,
+                     *             "mean_mm": 0.0974,
+                     *             "p50_mm": 0.0997,
+                     *             "p90_mm": 0.5853,
+                     *             "p95_mm": 0.9329,
+                     *             "rms_mm": 0.3624,
+                     *             "share_below_1_mm": 0.9564,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0.1219
+                     *           },
+                     *           "chin": {
+                     *             "count": 1474,
+                     *             "l2_norm_mm": 1.9655,
+                     *             "max_mm": 0.2876,
+                     *             "mean_abs_mm": 0.0229,
+                     *             "mean_mm": 0.0128,
+                     *             "p50_mm": 0.0087,
+                     *             "p90_mm": 0.0476,
+                     *             "p95_mm": 0.1274,
+                     *             "rms_mm": 0.049,
+                     *             "share_below_1_mm": 1,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0.0022
+                     *           },
+                     *           "forehead": {
+                     *             "count": 5994,
+                     *             "l2_norm_mm": 0.0019,
+                     *             "max_mm": 0.0005,
+                     *             "mean_abs_mm": 0,
+                     *             "mean_mm": 0,
+                     *             "p50_mm": 0,
+                     *             "p90_mm": 0,
+                     *             "p95_mm": 0,
+                     *             "rms_mm": 0,
+                     *             "share_below_1_mm": 1,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0
+                     *           },
+                     *           "lower_lip": {
+                     *             "count": 758,
+                     *             "l2_norm_mm": 45.2614,
+                     *             "max_mm": 3.329,
+                     *             "mean_abs_mm": 1.4437,
+                     *             "mean_mm": 1.4437,
+                     *             "p50_mm": 1.2454,
+                     *             "p90_mm": 2.7037,
+                     *             "p95_mm": 2.909,
+                     *             "rms_mm": 1.6581,
+                     *             "share_below_1_mm": 0.3551,
+                     *             "share_below_2_mm": 0.7237,
+                     *             "share_below_3_mm": 0.97,
+                     *             "variance_mm2": 0.6648
+                     *           },
+                     *           "nose": {
+                     *             "count": 1944,
+                     *             "l2_norm_mm": 40.9461,
+                     *             "max_mm": 3.6737,
+                     *             "mean_abs_mm": 0.5878,
+                     *             "mean_mm": 0.5436,
+                     *             "p50_mm": 0.3496,
+                     *             "p90_mm": 1.3485,
+                     *             "p95_mm": 2.0005,
+                     *             "rms_mm": 0.9248,
+                     *             "share_below_1_mm": 0.7862,
+                     *             "share_below_2_mm": 0.9498,
+                     *             "share_below_3_mm": 0.9748,
+                     *             "variance_mm2": 0.5597
+                     *           },
+                     *           "paranasal_left": {
+                     *             "count": 259,
+                     *             "l2_norm_mm": 39.8542,
+                     *             "max_mm": 3.244,
+                     *             "mean_abs_mm": 2.4123,
+                     *             "mean_mm": 2.4123,
+                     *             "p50_mm": 2.4618,
+                     *             "p90_mm": 2.9973,
+                     *             "p95_mm": 3.1003,
+                     *             "rms_mm": 2.4581,
+                     *             "share_below_1_mm": 0,
+                     *             "share_below_2_mm": 0.2123,
+                     *             "share_below_3_mm": 0.901,
+                     *             "variance_mm2": 0.223
+                     *           },
+                     *           "paranasal_right": {
+                     *             "count": 272,
+                     *             "l2_norm_mm": 40.6685,
+                     *             "max_mm": 3.3254,
+                     *             "mean_abs_mm": 2.3928,
+                     *             "mean_mm": 2.3928,
+                     *             "p50_mm": 2.4198,
+                     *             "p90_mm": 3.061,
+                     *             "p95_mm": 3.1582,
+                     *             "rms_mm": 2.4458,
+                     *             "share_below_1_mm": 0,
+                     *             "share_below_2_mm": 0.242,
+                     *             "share_below_3_mm": 0.8689,
+                     *             "variance_mm2": 0.2562
+                     *           },
+                     *           "submental": {
+                     *             "count": 1270,
+                     *             "l2_norm_mm": 0.0803,
+                     *             "max_mm": 0.0088,
+                     *             "mean_abs_mm": 0.0013,
+                     *             "mean_mm": 0.0009,
+                     *             "p50_mm": 0.0007,
+                     *             "p90_mm": 0.0037,
+                     *             "p95_mm": 0.0058,
+                     *             "rms_mm": 0.0022,
+                     *             "share_below_1_mm": 1,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0
+                     *           },
+                     *           "upper_lip": {
+                     *             "count": 541,
+                     *             "l2_norm_mm": 80.3461,
+                     *             "max_mm": 4.0486,
+                     *             "mean_abs_mm": 3.4596,
+                     *             "mean_mm": 3.4596,
+                     *             "p50_mm": 3.4887,
+                     *             "p90_mm": 3.8756,
+                     *             "p95_mm": 3.9574,
+                     *             "rms_mm": 3.4746,
+                     *             "share_below_1_mm": 0,
+                     *             "share_below_2_mm": 0,
+                     *             "share_below_3_mm": 0.1079,
+                     *             "variance_mm2": 0.1044
+                     *           }
+                     *         },
+                     *         "baselines": {
+                     *           "nearest_bone": {
+                     *             "regions": {
+                     *               "cheek_left": {
+                     *                 "count": 2884,
+                     *                 "l2_norm_mm": 41.8873,
+                     *                 "max_mm": 2.9573,
+                     *                 "mean_abs_mm": 0.2976,
+                     *                 "mean_mm": 0.2976,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 1.3113,
+                     *                 "p95_mm": 2.2596,
+                     *                 "rms_mm": 0.7566,
+                     *                 "share_below_1_mm": 0.8787,
+                     *                 "share_below_2_mm": 0.9378,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0.4839
+                     *               },
+                     *               "cheek_right": {
+                     *                 "count": 2877,
+                     *                 "l2_norm_mm": 41.7609,
+                     *                 "max_mm": 2.9571,
+                     *                 "mean_abs_mm": 0.299,
+                     *                 "mean_mm": 0.299,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 1.3277,
+                     *                 "p95_mm": 2.2407,
+                     *                 "rms_mm": 0.7568,
+                     *                 "share_below_1_mm": 0.8788,
+                     *                 "share_below_2_mm": 0.9373,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0.4833
+                     *               },
+                     *               "chin": {
+                     *                 "count": 1530,
+                     *                 "l2_norm_mm": 0.1414,
+                     *                 "max_mm": 0.0384,
+                     *                 "mean_abs_mm": 0.0008,
+                     *                 "mean_mm": 0.0008,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0.0009,
+                     *                 "p95_mm": 0.0046,
+                     *                 "rms_mm": 0.0035,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "forehead": {
+                     *                 "count": 6259,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "lower_lip": {
+                     *                 "count": 831,
+                     *                 "l2_norm_mm": 54.2599,
+                     *                 "max_mm": 3.3737,
+                     *                 "mean_abs_mm": 1.5712,
+                     *                 "mean_mm": 1.5712,
+                     *                 "p50_mm": 1.6622,
+                     *                 "p90_mm": 2.9782,
+                     *                 "p95_mm": 3.1432,
+                     *                 "rms_mm": 1.9374,
+                     *                 "share_below_1_mm": 0.3834,
+                     *                 "share_below_2_mm": 0.5575,
+                     *                 "share_below_3_mm": 0.9058,
+                     *                 "variance_mm2": 1.2846
+                     *               },
+                     *               "nose": {
+                     *                 "count": 1991,
+                     *                 "l2_norm_mm": 40.9771,
+                     *                 "max_mm": 3.4748,
+                     *                 "mean_abs_mm": 0.4756,
+                     *                 "mean_mm": 0.4754,
+                     *                 "p50_mm": 0.0007,
+                     *                 "p90_mm": 1.8076,
+                     *                 "p95_mm": 2.0989,
+                     *                 "rms_mm": 0.9146,
+                     *                 "share_below_1_mm": 0.7739,
+                     *                 "share_below_2_mm": 0.9378,
+                     *                 "share_below_3_mm": 0.9892,
+                     *                 "variance_mm2": 0.6105
+                     *               },
+                     *               "paranasal_left": {
+                     *                 "count": 268,
+                     *                 "l2_norm_mm": 44.3036,
+                     *                 "max_mm": 3.1075,
+                     *                 "mean_abs_mm": 2.6501,
+                     *                 "mean_mm": 2.6501,
+                     *                 "p50_mm": 2.8323,
+                     *                 "p90_mm": 3.0148,
+                     *                 "p95_mm": 3.0492,
+                     *                 "rms_mm": 2.6964,
+                     *                 "share_below_1_mm": 0.019,
+                     *                 "share_below_2_mm": 0.107,
+                     *                 "share_below_3_mm": 0.8869,
+                     *                 "variance_mm2": 0.2476
+                     *               },
+                     *               "paranasal_right": {
+                     *                 "count": 257,
+                     *                 "l2_norm_mm": 42.5295,
+                     *                 "max_mm": 3.1065,
+                     *                 "mean_abs_mm": 2.5815,
+                     *                 "mean_mm": 2.5815,
+                     *                 "p50_mm": 2.7886,
+                     *                 "p90_mm": 2.9949,
+                     *                 "p95_mm": 3.0208,
+                     *                 "rms_mm": 2.633,
+                     *                 "share_below_1_mm": 0.0211,
+                     *                 "share_below_2_mm": 0.1508,
+                     *                 "share_below_3_mm": 0.9163,
+                     *                 "variance_mm2": 0.2687
+                     *               },
+                     *               "submental": {
+                     *                 "count": 1297,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "upper_lip": {
+                     *                 "count": 493,
+                     *                 "l2_norm_mm": 71.462,
+                     *                 "max_mm": 3.4977,
+                     *                 "mean_abs_mm": 3.2271,
+                     *                 "mean_mm": 3.2271,
+                     *                 "p50_mm": 3.2137,
+                     *                 "p90_mm": 3.4397,
+                     *                 "p95_mm": 3.4719,
+                     *                 "rms_mm": 3.2306,
+                     *                 "share_below_1_mm": 0,
+                     *                 "share_below_2_mm": 0,
+                     *                 "share_below_3_mm": 0.0634,
+                     *                 "variance_mm2": 0.0223
+                     *               }
+                     *             },
+                     *             "whole": {
+                     *               "count": 18772,
+                     *               "l2_norm_mm": 131.6165,
+                     *               "max_mm": 3.4977,
+                     *               "mean_abs_mm": 0.3997,
+                     *               "mean_mm": 0.3997,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 2.1189,
+                     *               "p95_mm": 2.9042,
+                     *               "rms_mm": 0.9935,
+                     *               "share_below_1_mm": 0.8474,
+                     *               "share_below_2_mm": 0.8949,
+                     *               "share_below_3_mm": 0.963,
+                     *               "variance_mm2": 0.8274
+                     *             }
+                     *           },
+                     *           "no_prediction": {
+                     *             "regions": {
+                     *               "cheek_left": {
+                     *                 "count": 2884,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "cheek_right": {
+                     *                 "count": 2877,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "chin": {
+                     *                 "count": 1530,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "forehead": {
+                     *                 "count": 6259,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "lower_lip": {
+                     *                 "count": 831,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "nose": {
+                     *                 "count": 1991,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "paranasal_left": {
+                     *                 "count": 268,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "paranasal_right": {
+                     *                 "count": 257,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "submental": {
+                     *                 "count": 1297,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               },
+                     *               "upper_lip": {
+                     *                 "count": 493,
+                     *                 "l2_norm_mm": 0,
+                     *                 "max_mm": 0,
+                     *                 "mean_abs_mm": 0,
+                     *                 "mean_mm": 0,
+                     *                 "p50_mm": 0,
+                     *                 "p90_mm": 0,
+                     *                 "p95_mm": 0,
+                     *                 "rms_mm": 0,
+                     *                 "share_below_1_mm": 1,
+                     *                 "share_below_2_mm": 1,
+                     *                 "share_below_3_mm": 1,
+                     *                 "variance_mm2": 0
+                     *               }
+                     *             },
+                     *             "whole": {
+                     *               "count": 18772,
+                     *               "l2_norm_mm": 0,
+                     *               "max_mm": 0,
+                     *               "mean_abs_mm": 0,
+                     *               "mean_mm": 0,
+                     *               "p50_mm": 0,
+                     *               "p90_mm": 0,
+                     *               "p95_mm": 0,
+                     *               "rms_mm": 0,
+                     *               "share_below_1_mm": 1,
+                     *               "share_below_2_mm": 1,
+                     *               "share_below_3_mm": 1,
+                     *               "variance_mm2": 0
+                     *             }
+                     *           }
+                     *         },
+                     *         "correspondence": {
+                     *           "count": 18772,
+                     *           "l2_norm_mm": 145.6273,
+                     *           "max_mm": 4.2059,
+                     *           "mean_abs_mm": 0.517,
+                     *           "mean_mm": 0.517,
+                     *           "p50_mm": 0.0337,
+                     *           "p90_mm": 2.2065,
+                     *           "p95_mm": 2.9874,
+                     *           "rms_mm": 1.0985,
+                     *           "share_below_1_mm": 0.8326,
+                     *           "share_below_2_mm": 0.8899,
+                     *           "share_below_3_mm": 0.9503,
+                     *           "variance_mm2": 0.9395
+                     *         },
+                     *         "excluded": 0,
+                     *         "histogram": [
+                     *           {
+                     *             "from_mm": -3.25,
+                     *             "share": 0
+                     *           },
+                     *           {
+                     *             "from_mm": -3,
+                     *             "share": 0
+                     *           }
+                     *         ],
+                     *         "mask": "face",
+                     *         "reference": "target",
+                     *         "regions": {
+                     *           "cheek_left": {
+                     *             "count": 2884,
+                     *             "l2_norm_mm": 21.1341,
+                     *             "max_mm": 1.8264,
+                     *             "mean_abs_mm": 0.213,
+                     *             "mean_mm": 0.1105,
+                     *             "p50_mm": 0.101,
+                     *             "p90_mm": 0.6402,
+                     *             "p95_mm": 0.9852,
+                     *             "rms_mm": 0.3889,
+                     *             "share_below_1_mm": 0.952,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0.139
+                     *           },
+                     *           "cheek_right": {
+                     *             "count": 2877,
+                     *             "l2_norm_mm": 20.9599,
+                     *             "max_mm": 1.8719,
+                     *             "mean_abs_mm": 0.2097,
+                     *             "mean_mm": 0.1097,
+                     *             "p50_mm": 0.1017,
+                     *             "p90_mm": 0.6206,
+                     *             "p95_mm": 0.9945,
+                     *             "rms_mm": 0.3852,
+                     *             "share_below_1_mm": 0.9502,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0.1363
+                     *           },
+                     *           "chin": {
+                     *             "count": 1530,
+                     *             "l2_norm_mm": 1.9616,
+                     *             "max_mm": 0.3662,
+                     *             "mean_abs_mm": 0.0227,
+                     *             "mean_mm": 0.0125,
+                     *             "p50_mm": 0.0096,
+                     *             "p90_mm": 0.0431,
+                     *             "p95_mm": 0.1176,
+                     *             "rms_mm": 0.0479,
+                     *             "share_below_1_mm": 1,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0.0021
+                     *           },
+                     *           "forehead": {
+                     *             "count": 6259,
+                     *             "l2_norm_mm": 0.0028,
+                     *             "max_mm": 0.0009,
+                     *             "mean_abs_mm": 0,
+                     *             "mean_mm": 0,
+                     *             "p50_mm": 0,
+                     *             "p90_mm": 0,
+                     *             "p95_mm": 0,
+                     *             "rms_mm": 0,
+                     *             "share_below_1_mm": 1,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0
+                     *           },
+                     *           "lower_lip": {
+                     *             "count": 831,
+                     *             "l2_norm_mm": 49.313,
+                     *             "max_mm": 3.5041,
+                     *             "mean_abs_mm": 1.5196,
+                     *             "mean_mm": 1.5196,
+                     *             "p50_mm": 1.3341,
+                     *             "p90_mm": 2.9582,
+                     *             "p95_mm": 3.2149,
+                     *             "rms_mm": 1.7588,
+                     *             "share_below_1_mm": 0.3239,
+                     *             "share_below_2_mm": 0.7197,
+                     *             "share_below_3_mm": 0.9141,
+                     *             "variance_mm2": 0.7841
+                     *           },
+                     *           "nose": {
+                     *             "count": 1991,
+                     *             "l2_norm_mm": 36.4943,
+                     *             "max_mm": 3.6711,
+                     *             "mean_abs_mm": 0.5534,
+                     *             "mean_mm": 0.512,
+                     *             "p50_mm": 0.3608,
+                     *             "p90_mm": 1.3374,
+                     *             "p95_mm": 1.5702,
+                     *             "rms_mm": 0.8157,
+                     *             "share_below_1_mm": 0.7717,
+                     *             "share_below_2_mm": 0.9782,
+                     *             "share_below_3_mm": 0.9922,
+                     *             "variance_mm2": 0.4032
+                     *           },
+                     *           "paranasal_left": {
+                     *             "count": 268,
+                     *             "l2_norm_mm": 41.5574,
+                     *             "max_mm": 3.3254,
+                     *             "mean_abs_mm": 2.4806,
+                     *             "mean_mm": 2.4806,
+                     *             "p50_mm": 2.53,
+                     *             "p90_mm": 3.0878,
+                     *             "p95_mm": 3.2211,
+                     *             "rms_mm": 2.5277,
+                     *             "share_below_1_mm": 0,
+                     *             "share_below_2_mm": 0.1813,
+                     *             "share_below_3_mm": 0.8384,
+                     *             "variance_mm2": 0.2358
+                     *           },
+                     *           "paranasal_right": {
+                     *             "count": 257,
+                     *             "l2_norm_mm": 40.6212,
+                     *             "max_mm": 3.3632,
+                     *             "mean_abs_mm": 2.4655,
+                     *             "mean_mm": 2.4655,
+                     *             "p50_mm": 2.4743,
+                     *             "p90_mm": 3.1138,
+                     *             "p95_mm": 3.2187,
+                     *             "rms_mm": 2.5138,
+                     *             "share_below_1_mm": 0,
+                     *             "share_below_2_mm": 0.1847,
+                     *             "share_below_3_mm": 0.8333,
+                     *             "variance_mm2": 0.2407
+                     *           },
+                     *           "submental": {
+                     *             "count": 1297,
+                     *             "l2_norm_mm": 0.0927,
+                     *             "max_mm": 0.0102,
+                     *             "mean_abs_mm": 0.0015,
+                     *             "mean_mm": 0.0011,
+                     *             "p50_mm": 0.0008,
+                     *             "p90_mm": 0.0041,
+                     *             "p95_mm": 0.0065,
+                     *             "rms_mm": 0.0025,
+                     *             "share_below_1_mm": 1,
+                     *             "share_below_2_mm": 1,
+                     *             "share_below_3_mm": 1,
+                     *             "variance_mm2": 0
+                     *           },
+                     *           "upper_lip": {
+                     *             "count": 493,
+                     *             "l2_norm_mm": 77.2796,
+                     *             "max_mm": 4.0518,
+                     *             "mean_abs_mm": 3.4924,
+                     *             "mean_mm": 3.4924,
+                     *             "p50_mm": 3.5216,
+                     *             "p90_mm": 3.8503,
+                     *             "p95_mm": 3.9539,
+                     *             "rms_mm": 3.5046,
+                     *             "share_below_1_mm": 0,
+                     *             "share_below_2_mm": 0,
+                     *             "share_below_3_mm": 0.0734,
+                     *             "variance_mm2": 0.0852
+                     *           }
+                     *         },
+                     *         "registration": null,
+                     *         "roughness_mm": 0.1204,
+                     *         "smoothed": {
+                     *           "count": 18772,
+                     *           "l2_norm_mm": 114.5693,
+                     *           "max_mm": 3.6422,
+                     *           "mean_abs_mm": 0.3752,
+                     *           "mean_mm": 0.3435,
+                     *           "p50_mm": 0.0094,
+                     *           "p90_mm": 1.3283,
+                     *           "p95_mm": 2.5988,
+                     *           "rms_mm": 0.8722,
+                     *           "share_below_1_mm": 0.8701,
+                     *           "share_below_2_mm": 0.9286,
+                     *           "share_below_3_mm": 0.9709,
+                     *           "variance_mm2": 0.6427
+                     *         },
+                     *         "warnings": [],
+                     *         "whole": {
+                     *           "count": 18772,
+                     *           "l2_norm_mm": 119.5113,
+                     *           "max_mm": 4.0518,
+                     *           "mean_abs_mm": 0.3829,
+                     *           "mean_mm": 0.3449,
+                     *           "p50_mm": 0.0088,
+                     *           "p90_mm": 1.3565,
+                     *           "p95_mm": 2.6602,
+                     *           "rms_mm": 0.9138,
+                     *           "share_below_1_mm": 0.8675,
+                     *           "share_below_2_mm": 0.9282,
+                     *           "share_below_3_mm": 0.9621,
+                     *           "variance_mm2": 0.7161
+                     *         }
+                     *       },
+                     *       "field": {
+                     *         "bone": {
+                     *           "bricks": 8668,
+                     *           "checked_points": 3182,
+                     *           "max_error_mm": 0.2849,
+                     *           "memory_bytes": 9233444,
+                     *           "regions": [],
+                     *           "rms_error_mm": 0.0205,
+                     *           "warnings": []
+                     *         },
+                     *         "notes": [
+                     *           {
+                     *             "code": "envelope-parts-dropped",
+                     *             "message": "3 separate parts smaller than 1000 mm³ dropped (3 mm³ in all)",
+                     *             "severity": "info"
+                     *           },
+                     *           {
+                     *             "code": "cavities-filled",
+                     *             "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.4 cm³, surface 826.6 cm³",
+                     *             "severity": "info"
+                     *           }
+                     *         ],
+                     *         "settings": {
+                     *           "band_mm": 5,
+                     *           "envelope_closing_mm": 2,
+                     *           "envelope_spacing_mm": 1,
+                     *           "margin_mm": 10,
+                     *           "method": "adaptive",
+                     *           "spacing_mm": 0.8
+                     *         },
+                     *         "skin": {
+                     *           "bricks": 9903,
+                     *           "checked_points": 3073,
+                     *           "max_error_mm": 0.062,
+                     *           "memory_bytes": 10763456,
+                     *           "regions": [],
+                     *           "rms_error_mm": 0.0036,
+                     *           "warnings": []
+                     *         },
+                     *         "warnings": []
+                     *       },
+                     *       "finished_at": "2026-11-28T16:00:09.944Z",
+                     *       "format_version": 1,
+                     *       "inputs": {
+                     *         "landmarks": {
+                     *           "sha256": "1f24ddab13a228fcacf7ea19914f1c2d417f3f1ee2c3e36dfeba6220b350e241",
+                     *           "source_sha256": null
+                     *         },
+                     *         "skin": {
+                     *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
+                     *           "source_sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *         },
+                     *         "skull": {
+                     *           "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
+                     *           "source_sha256": "d4215fa63c26ffe3e12d879b2f695d96fbb94277b21e462608ccb4b237710a0a"
+                     *         },
+                     *         "target": {
+                     *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
+                     *           "source_sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *         }
+                     *       },
+                     *       "job": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "left_out": {
+                     *         "border_mm": 0.0704,
+                     *         "nodes": 712,
+                     *         "of_nodes": 7937
+                     *       },
+                     *       "mesh": {
+                     *         "cartilage": 0,
+                     *         "inverted": 0,
+                     *         "max_dihedral_deg": 159.7835,
+                     *         "max_skin_distance_mm": 0.22,
+                     *         "min_dihedral_deg": 11.6971,
+                     *         "min_scaled_jacobian": 0.2504,
+                     *         "muscle_share": 0.4993,
+                     *         "nodes": 7937,
+                     *         "non_manifold_edges": 0,
+                     *         "notes": [
+                     *           {
+                     *             "code": "mesh-pockets",
+                     *             "message": "tissue behind narrow necks was left out: 12 pockets with 758 tetrahedra and 8.71 cm³, 1.8 % of the mesh",
+                     *             "severity": "info"
+                     *           },
+                     *           {
+                     *             "code": "mesh-loose-parts",
+                     *             "message": "4 parts attached to the tissue by fewer than two faces were dropped (6 of 25220 elements)",
+                     *             "severity": "info"
+                     *           }
+                     *         ],
+                     *         "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *         "prisms": 3940,
+                     *         "settings": {
+                     *           "depth_mm": 30,
+                     *           "edge_mm": 7,
+                     *           "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "region": null,
+                     *           "skin_thickness_mm": 1.5
+                     *         },
+                     *         "tetrahedra": 21274,
+                     *         "tissue_from_ct": false,
+                     *         "volume_error": -0.0148,
+                     *         "warnings": []
+                     *       },
+                     *       "model": "nonlinear",
+                     *       "notes": [
+                     *         {
+                     *           "code": "mucosa-nodes",
+                     *           "message": "165 nodes at teeth and gum glide on bone",
+                     *           "severity": "info"
+                     *         },
+                     *         {
+                     *           "code": "stripped-nodes",
+                     *           "message": "115 nodes within 12 mm of a saw line, where periosteum is stripped, glide on bone",
+                     *           "severity": "info"
+                     *         }
+                     *       ],
+                     *       "parameters": {
+                     *         "attachment": null,
+                     *         "cuts": [
+                     *           {
+                     *             "kerf_mm": 0,
+                     *             "name": "le_fort_1",
+                     *             "plane": {
+                     *               "bounds": {
+                     *                 "direction": [
+                     *                   1,
+                     *                   0,
+                     *                   0
+                     *                 ],
+                     *                 "half_length_mm": 60,
+                     *                 "half_width_mm": 32.5
+                     *               },
+                     *               "normal": [
+                     *                 0,
+                     *                 0,
+                     *                 1
+                     *               ],
+                     *               "point_mm": [
+                     *                 0,
+                     *                 -69.5,
+                     *                 32
+                     *               ]
+                     *             },
+                     *             "purpose": "osteotomy"
+                     *           },
+                     *           {
+                     *             "kerf_mm": 0,
+                     *             "name": "pterygomaxillary",
+                     *             "plane": {
+                     *               "bounds": {
+                     *                 "direction": [
+                     *                   1,
+                     *                   0,
+                     *                   0
+                     *                 ],
+                     *                 "half_length_mm": 38,
+                     *                 "half_width_mm": 18
+                     *               },
+                     *               "normal": [
+                     *                 0,
+                     *                 1,
+                     *                 0
+                     *               ],
+                     *               "point_mm": [
+                     *                 0,
+                     *                 -39,
+                     *                 16
+                     *               ]
+                     *             },
+                     *             "purpose": "osteotomy"
+                     *           },
+                     *           {
+                     *             "kerf_mm": 0,
+                     *             "name": "occlusal",
+                     *             "plane": {
+                     *               "bounds": {
+                     *                 "direction": [
+                     *                   1,
+                     *                   0,
+                     *                   0
+                     *                 ],
+                     *                 "half_length_mm": 45,
+                     *                 "half_width_mm": 32.5
+                     *               },
+                     *               "normal": [
+                     *                 0,
+                     *                 0,
+                     *                 1
+                     *               ],
+                     *               "point_mm": [
+                     *                 0,
+                     *                 -69.5,
+                     *                 0
+                     *               ]
+                     *             },
+                     *             "purpose": "separation"
+                     *           }
+                     *         ],
+                     *         "d1_reading": null,
+                     *         "leave_out_below_mm": 0.03,
+                     *         "locking": "none",
+                     *         "materials": {},
+                     *         "model_chosen_by_the_service": true,
+                     *         "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *         "penetration_tolerance_mm": 0.05,
+                     *         "plan": "0197a2c0-0000-7000-8000-000000000001",
+                     *         "preset": "wang_2009_stable",
+                     *         "reference_job": null,
+                     *         "relative_residual": 0.0001,
+                     *         "skin_element": "tet",
+                     *         "steps": 2,
+                     *         "unstable_material": "report",
+                     *         "warm_start": null
+                     *       },
+                     *       "phases": {
+                     *         "cut_s": 0.3689,
+                     *         "field_s": 5.4477,
+                     *         "mesh_s": 2.4773,
+                     *         "plan_s": 0.6537,
+                     *         "solve_s": 1.1593,
+                     *         "surfaces_s": 1.34,
+                     *         "total_s": 11.4468
+                     *       },
+                     *       "plan": {
+                     *         "label": null,
+                     *         "measured": true,
+                     *         "paths": [
+                     *           {
+                     *             "segment": 1,
+                     *             "waypoints": [
+                     *               {
+                     *                 "quaternion_xyzw": [
+                     *                   0,
+                     *                   0,
+                     *                   0,
+                     *                   1
+                     *                 ],
+                     *                 "t": 0,
+                     *                 "translation_mm": [
+                     *                   0,
+                     *                   0,
+                     *                   0
+                     *                 ]
+                     *               },
+                     *               {
+                     *                 "quaternion_xyzw": [
+                     *                   0,
+                     *                   0,
+                     *                   0,
+                     *                   1
+                     *                 ],
+                     *                 "t": 1,
+                     *                 "translation_mm": [
+                     *                   0,
+                     *                   -5,
+                     *                   0
+                     *                 ]
+                     *               }
+                     *             ]
+                     *           }
+                     *         ],
+                     *         "reports": [
+                     *           {
+                     *             "along": [
+                     *               {
+                     *                 "gap_mm": 0.0007,
+                     *                 "gap_mm3": 59.4454,
+                     *                 "overlap_mm": 0,
+                     *                 "overlap_mm3": 7.1528,
+                     *                 "t": 0
+                     *               },
+                     *               {
+                     *                 "gap_mm": 0.1933,
+                     *                 "gap_mm3": 620.151,
+                     *                 "overlap_mm": 0,
+                     *                 "overlap_mm3": 0.25,
+                     *                 "t": 0.1
+                     *               }
+                     *             ],
+                     *             "centroid_displacement_mm": [
+                     *               0,
+                     *               -5,
+                     *               0
+                     *             ],
+                     *             "max_displacement_mm": 5,
+                     *             "path_length_mm": 5,
+                     *             "segment": 1
+                     *           }
+                     *         ],
+                     *         "wall_s": 0.6537,
+                     *         "warnings": []
+                     *       },
+                     *       "regions": {
+                     *         "cheek_left": {
+                     *           "down_mm": -0.0153,
+                     *           "forward_mm": 0.2494,
+                     *           "left_mm": -0.0218
+                     *         },
+                     *         "cheek_right": {
+                     *           "down_mm": -0.0141,
+                     *           "forward_mm": 0.2396,
+                     *           "left_mm": 0.0217
+                     *         },
+                     *         "chin": {
+                     *           "down_mm": 0.041,
+                     *           "forward_mm": 0.0276,
+                     *           "left_mm": 0.002
+                     *         },
+                     *         "forehead": {
+                     *           "down_mm": 0,
+                     *           "forward_mm": 0,
+                     *           "left_mm": 0
+                     *         },
+                     *         "lower_lip": {
+                     *           "down_mm": 0.7257,
+                     *           "forward_mm": 1.3763,
+                     *           "left_mm": -0.0004
+                     *         },
+                     *         "nose": {
+                     *           "down_mm": -0.7405,
+                     *           "forward_mm": 0.9661,
+                     *           "left_mm": 0.0008
+                     *         },
+                     *         "paranasal_left": {
+                     *           "down_mm": -0.0555,
+                     *           "forward_mm": 2.4312,
+                     *           "left_mm": 0.7165
+                     *         },
+                     *         "paranasal_right": {
+                     *           "down_mm": -0.0636,
+                     *           "forward_mm": 2.4168,
+                     *           "left_mm": -0.6949
+                     *         },
+                     *         "submental": {
+                     *           "down_mm": 0.0015,
+                     *           "forward_mm": -0.0027,
+                     *           "left_mm": 0.0005
+                     *         },
+                     *         "upper_lip": {
+                     *           "down_mm": 0.3355,
+                     *           "forward_mm": 3.6409,
+                     *           "left_mm": 0.0003
+                     *         }
+                     *       },
+                     *       "regions_from_landmarks": true,
+                     *       "segment_names": {
+                     *         "0": "skull",
+                     *         "1": "maxilla"
+                     *       },
+                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "steps": [
+                     *         {
+                     *           "active_contacts": 2,
+                     *           "converged": true,
+                     *           "factorisations": 1,
+                     *           "free_penetration_mm": 0.8649,
+                     *           "gliding_gap_mm": 0.0036,
+                     *           "k": 1,
+                     *           "max_displacement_mm": 2.1077,
+                     *           "max_penetration_mm": 0.0002,
+                     *           "min_det_f": 0.903,
+                     *           "newton_iterations": 2,
+                     *           "notes": [
+                     *             {
+                     *               "action": "Use the locking option `patched`.",
+                     *               "code": "stiff-elements",
+                     *               "message": "the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *               "severity": "info"
+                     *             },
+                     *             {
+                     *               "code": "overlap-at-rest",
+                     *               "message": "1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *               "severity": "info"
+                     *             }
+                     *           ],
+                     *           "outcome": "converged",
+                     *           "phases": {
+                     *             "contact_s": 0.017,
+                     *             "factor_s": 0.0447,
+                     *             "line_search_s": 0.006,
+                     *             "residual_s": 0.0179,
+                     *             "setup_s": 0.1227,
+                     *             "solve_s": 0.0838,
+                     *             "tangent_s": 0.0532
+                     *           },
+                     *           "pulled_off_nodes": 0,
+                     *           "reactions": [
+                     *             {
+                     *               "force_n": [
+                     *                 -0.019,
+                     *                 7.8843,
+                     *                 -0.0467
+                     *               ],
+                     *               "segment": 0
+                     *             },
+                     *             {
+                     *               "force_n": [
+                     *                 0.0026,
+                     *                 -10.8495,
+                     *                 0.0307
+                     *               ],
+                     *               "segment": 1
+                     *             }
+                     *           ],
+                     *           "relative_residual": 0.001,
+                     *           "remaining_mm": 0.0038,
+                     *           "substeps": 1,
+                     *           "t": 0.5,
+                     *           "unknowns": 18324,
+                     *           "wall_s": 0.6976,
+                     *           "warnings": []
+                     *         },
+                     *         {
+                     *           "active_contacts": 2,
+                     *           "converged": true,
+                     *           "factorisations": 1,
+                     *           "free_penetration_mm": 1.4444,
+                     *           "gliding_gap_mm": 0.0069,
+                     *           "k": 2,
+                     *           "max_displacement_mm": 4.2059,
+                     *           "max_penetration_mm": 0.0004,
+                     *           "min_det_f": 0.8024,
+                     *           "newton_iterations": 3,
+                     *           "outcome": "converged",
+                     *           "phases": {
+                     *             "contact_s": 0.0073,
+                     *             "factor_s": 0.042,
+                     *             "line_search_s": 0.0067,
+                     *             "residual_s": 0.0188,
+                     *             "setup_s": 0,
+                     *             "solve_s": 0.0882,
+                     *             "tangent_s": 0.0486
+                     *           },
+                     *           "pulled_off_nodes": 0,
+                     *           "reactions": [
+                     *             {
+                     *               "force_n": [
+                     *                 -0.0316,
+                     *                 15.9652,
+                     *                 -0.0956
+                     *               ],
+                     *               "segment": 0
+                     *             },
+                     *             {
+                     *               "force_n": [
+                     *                 -0.0032,
+                     *                 -21.7341,
+                     *                 0.0635
+                     *               ],
+                     *               "segment": 1
+                     *             }
+                     *           ],
+                     *           "relative_residual": 0,
+                     *           "remaining_mm": 0,
+                     *           "substeps": 1,
+                     *           "t": 1,
+                     *           "unknowns": 18324,
+                     *           "wall_s": 0.4303,
+                     *           "warnings": []
+                     *         }
+                     *       ],
+                     *       "version": "0.3.0",
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["ReportDocument"];
                     "text/html": string;
                 };
@@ -4407,6 +7641,394 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "backward": {
+                     *         "count": 18025,
+                     *         "l2_norm_mm": 59.9216,
+                     *         "max_mm": 2.0331,
+                     *         "mean_abs_mm": 0.1863,
+                     *         "mean_mm": 0.1664,
+                     *         "p50_mm": 0.0045,
+                     *         "p90_mm": 0.6404,
+                     *         "p95_mm": 1.334,
+                     *         "rms_mm": 0.4503,
+                     *         "share_below_1_mm": 0.9292,
+                     *         "share_below_2_mm": 0.9989,
+                     *         "share_below_3_mm": 1,
+                     *         "variance_mm2": 0.1751
+                     *       },
+                     *       "backward_regions": {
+                     *         "cheek_left": {
+                     *           "count": 2763,
+                     *           "l2_norm_mm": 10.467,
+                     *           "max_mm": 0.9149,
+                     *           "mean_abs_mm": 0.1071,
+                     *           "mean_mm": 0.0552,
+                     *           "p50_mm": 0.0512,
+                     *           "p90_mm": 0.3212,
+                     *           "p95_mm": 0.4931,
+                     *           "rms_mm": 0.1949,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0349
+                     *         },
+                     *         "cheek_right": {
+                     *           "count": 2733,
+                     *           "l2_norm_mm": 9.9457,
+                     *           "max_mm": 0.8581,
+                     *           "mean_abs_mm": 0.1022,
+                     *           "mean_mm": 0.0512,
+                     *           "p50_mm": 0.0513,
+                     *           "p90_mm": 0.3025,
+                     *           "p95_mm": 0.4762,
+                     *           "rms_mm": 0.1851,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0317
+                     *         },
+                     *         "chin": {
+                     *           "count": 1469,
+                     *           "l2_norm_mm": 1.0223,
+                     *           "max_mm": 0.1447,
+                     *           "mean_abs_mm": 0.0123,
+                     *           "mean_mm": 0.0074,
+                     *           "p50_mm": 0.0052,
+                     *           "p90_mm": 0.0238,
+                     *           "p95_mm": 0.0664,
+                     *           "rms_mm": 0.0256,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0006
+                     *         },
+                     *         "forehead": {
+                     *           "count": 5994,
+                     *           "l2_norm_mm": 0.0011,
+                     *           "max_mm": 0.0003,
+                     *           "mean_abs_mm": 0,
+                     *           "mean_mm": 0,
+                     *           "p50_mm": 0,
+                     *           "p90_mm": 0,
+                     *           "p95_mm": 0,
+                     *           "rms_mm": 0,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "lower_lip": {
+                     *           "count": 761,
+                     *           "l2_norm_mm": 22.5706,
+                     *           "max_mm": 1.6734,
+                     *           "mean_abs_mm": 0.7162,
+                     *           "mean_mm": 0.7162,
+                     *           "p50_mm": 0.5976,
+                     *           "p90_mm": 1.3725,
+                     *           "p95_mm": 1.4776,
+                     *           "rms_mm": 0.8247,
+                     *           "share_below_1_mm": 0.7259,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1671
+                     *         },
+                     *         "nose": {
+                     *           "count": 1957,
+                     *           "l2_norm_mm": 20.1985,
+                     *           "max_mm": 1.8445,
+                     *           "mean_abs_mm": 0.2909,
+                     *           "mean_mm": 0.2646,
+                     *           "p50_mm": 0.1822,
+                     *           "p90_mm": 0.6654,
+                     *           "p95_mm": 0.8293,
+                     *           "rms_mm": 0.4539,
+                     *           "share_below_1_mm": 0.9578,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.136
+                     *         },
+                     *         "paranasal_left": {
+                     *           "count": 262,
+                     *           "l2_norm_mm": 20.4069,
+                     *           "max_mm": 1.6552,
+                     *           "mean_abs_mm": 1.2284,
+                     *           "mean_mm": 1.2284,
+                     *           "p50_mm": 1.2487,
+                     *           "p90_mm": 1.5327,
+                     *           "p95_mm": 1.579,
+                     *           "rms_mm": 1.2516,
+                     *           "share_below_1_mm": 0.1938,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0574
+                     *         },
+                     *         "paranasal_right": {
+                     *           "count": 274,
+                     *           "l2_norm_mm": 20.7729,
+                     *           "max_mm": 1.6943,
+                     *           "mean_abs_mm": 1.2177,
+                     *           "mean_mm": 1.2177,
+                     *           "p50_mm": 1.2283,
+                     *           "p90_mm": 1.5613,
+                     *           "p95_mm": 1.6095,
+                     *           "rms_mm": 1.245,
+                     *           "share_below_1_mm": 0.2203,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0672
+                     *         },
+                     *         "submental": {
+                     *           "count": 1270,
+                     *           "l2_norm_mm": 0.0522,
+                     *           "max_mm": 0.0056,
+                     *           "mean_abs_mm": 0.0009,
+                     *           "mean_mm": 0.0007,
+                     *           "p50_mm": 0.0005,
+                     *           "p90_mm": 0.0024,
+                     *           "p95_mm": 0.0037,
+                     *           "rms_mm": 0.0014,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "upper_lip": {
+                     *           "count": 542,
+                     *           "l2_norm_mm": 40.1958,
+                     *           "max_mm": 2.0331,
+                     *           "mean_abs_mm": 1.7285,
+                     *           "mean_mm": 1.7285,
+                     *           "p50_mm": 1.7384,
+                     *           "p90_mm": 1.9518,
+                     *           "p95_mm": 1.9864,
+                     *           "rms_mm": 1.7367,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0.9648,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0283
+                     *         }
+                     *       },
+                     *       "correspondence": {
+                     *         "count": 18772,
+                     *         "l2_norm_mm": 73.5042,
+                     *         "max_mm": 2.1077,
+                     *         "mean_abs_mm": 0.2564,
+                     *         "mean_mm": 0.2564,
+                     *         "p50_mm": 0.0184,
+                     *         "p90_mm": 1.0881,
+                     *         "p95_mm": 1.4852,
+                     *         "rms_mm": 0.5458,
+                     *         "share_below_1_mm": 0.8914,
+                     *         "share_below_2_mm": 0.9915,
+                     *         "share_below_3_mm": 1,
+                     *         "variance_mm2": 0.2322
+                     *       },
+                     *       "excluded": 0,
+                     *       "histogram": [
+                     *         {
+                     *           "from_mm": -3.25,
+                     *           "share": 0
+                     *         },
+                     *         {
+                     *           "from_mm": -3,
+                     *           "share": 0
+                     *         }
+                     *       ],
+                     *       "mask": "face",
+                     *       "reference": "target",
+                     *       "regions": {
+                     *         "cheek_left": {
+                     *           "count": 2883,
+                     *           "l2_norm_mm": 10.6805,
+                     *           "max_mm": 0.9232,
+                     *           "mean_abs_mm": 0.1073,
+                     *           "mean_mm": 0.056,
+                     *           "p50_mm": 0.0519,
+                     *           "p90_mm": 0.3213,
+                     *           "p95_mm": 0.4932,
+                     *           "rms_mm": 0.1954,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.035
+                     *         },
+                     *         "cheek_right": {
+                     *           "count": 2866,
+                     *           "l2_norm_mm": 10.3295,
+                     *           "max_mm": 0.9466,
+                     *           "mean_abs_mm": 0.1036,
+                     *           "mean_mm": 0.0533,
+                     *           "p50_mm": 0.0513,
+                     *           "p90_mm": 0.3096,
+                     *           "p95_mm": 0.4835,
+                     *           "rms_mm": 0.189,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0329
+                     *         },
+                     *         "chin": {
+                     *           "count": 1528,
+                     *           "l2_norm_mm": 0.9963,
+                     *           "max_mm": 0.1648,
+                     *           "mean_abs_mm": 0.0122,
+                     *           "mean_mm": 0.0071,
+                     *           "p50_mm": 0.0059,
+                     *           "p90_mm": 0.0213,
+                     *           "p95_mm": 0.0603,
+                     *           "rms_mm": 0.0245,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0006
+                     *         },
+                     *         "forehead": {
+                     *           "count": 6259,
+                     *           "l2_norm_mm": 0.0016,
+                     *           "max_mm": 0.0005,
+                     *           "mean_abs_mm": 0,
+                     *           "mean_mm": 0,
+                     *           "p50_mm": 0,
+                     *           "p90_mm": 0,
+                     *           "p95_mm": 0,
+                     *           "rms_mm": 0,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "lower_lip": {
+                     *           "count": 835,
+                     *           "l2_norm_mm": 24.7789,
+                     *           "max_mm": 1.7456,
+                     *           "mean_abs_mm": 0.7563,
+                     *           "mean_mm": 0.7563,
+                     *           "p50_mm": 0.6636,
+                     *           "p90_mm": 1.4628,
+                     *           "p95_mm": 1.6007,
+                     *           "rms_mm": 0.8731,
+                     *           "share_below_1_mm": 0.7261,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1904
+                     *         },
+                     *         "nose": {
+                     *           "count": 1998,
+                     *           "l2_norm_mm": 19.537,
+                     *           "max_mm": 1.845,
+                     *           "mean_abs_mm": 0.2918,
+                     *           "mean_mm": 0.268,
+                     *           "p50_mm": 0.188,
+                     *           "p90_mm": 0.6969,
+                     *           "p95_mm": 0.8269,
+                     *           "rms_mm": 0.4342,
+                     *           "share_below_1_mm": 0.9718,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.1167
+                     *         },
+                     *         "paranasal_left": {
+                     *           "count": 274,
+                     *           "l2_norm_mm": 21.1262,
+                     *           "max_mm": 1.6813,
+                     *           "mean_abs_mm": 1.2461,
+                     *           "mean_mm": 1.2461,
+                     *           "p50_mm": 1.2677,
+                     *           "p90_mm": 1.5587,
+                     *           "p95_mm": 1.6024,
+                     *           "rms_mm": 1.2693,
+                     *           "share_below_1_mm": 0.1683,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0583
+                     *         },
+                     *         "paranasal_right": {
+                     *           "count": 280,
+                     *           "l2_norm_mm": 21.1791,
+                     *           "max_mm": 1.6983,
+                     *           "mean_abs_mm": 1.2292,
+                     *           "mean_mm": 1.2292,
+                     *           "p50_mm": 1.2378,
+                     *           "p90_mm": 1.5742,
+                     *           "p95_mm": 1.6159,
+                     *           "rms_mm": 1.2559,
+                     *           "share_below_1_mm": 0.1946,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0663
+                     *         },
+                     *         "submental": {
+                     *           "count": 1297,
+                     *           "l2_norm_mm": 0.0603,
+                     *           "max_mm": 0.0065,
+                     *           "mean_abs_mm": 0.001,
+                     *           "mean_mm": 0.0008,
+                     *           "p50_mm": 0.0005,
+                     *           "p90_mm": 0.0027,
+                     *           "p95_mm": 0.0042,
+                     *           "rms_mm": 0.0016,
+                     *           "share_below_1_mm": 1,
+                     *           "share_below_2_mm": 1,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0
+                     *         },
+                     *         "upper_lip": {
+                     *           "count": 509,
+                     *           "l2_norm_mm": 39.238,
+                     *           "max_mm": 2.0314,
+                     *           "mean_abs_mm": 1.7437,
+                     *           "mean_mm": 1.7437,
+                     *           "p50_mm": 1.7552,
+                     *           "p90_mm": 1.9335,
+                     *           "p95_mm": 1.9817,
+                     *           "rms_mm": 1.7505,
+                     *           "share_below_1_mm": 0,
+                     *           "share_below_2_mm": 0.9774,
+                     *           "share_below_3_mm": 1,
+                     *           "variance_mm2": 0.0238
+                     *         }
+                     *       },
+                     *       "registration": null,
+                     *       "roughness_mm": 0.0598,
+                     *       "smoothed": {
+                     *         "count": 18772,
+                     *         "l2_norm_mm": 58.0819,
+                     *         "max_mm": 1.8342,
+                     *         "mean_abs_mm": 0.186,
+                     *         "mean_mm": 0.1701,
+                     *         "p50_mm": 0.0053,
+                     *         "p90_mm": 0.6569,
+                     *         "p95_mm": 1.2928,
+                     *         "rms_mm": 0.4338,
+                     *         "share_below_1_mm": 0.9308,
+                     *         "share_below_2_mm": 1,
+                     *         "share_below_3_mm": 1,
+                     *         "variance_mm2": 0.1592
+                     *       },
+                     *       "values_mm": [
+                     *         0,
+                     *         0
+                     *       ],
+                     *       "warnings": [],
+                     *       "whole": {
+                     *         "count": 18772,
+                     *         "l2_norm_mm": 60.5807,
+                     *         "max_mm": 2.0314,
+                     *         "mean_abs_mm": 0.1898,
+                     *         "mean_mm": 0.1704,
+                     *         "p50_mm": 0.005,
+                     *         "p90_mm": 0.6752,
+                     *         "p95_mm": 1.3269,
+                     *         "rms_mm": 0.454,
+                     *         "share_below_1_mm": 0.9299,
+                     *         "share_below_2_mm": 0.9993,
+                     *         "share_below_3_mm": 1,
+                     *         "variance_mm2": 0.177
+                     *       }
+                     *     }
+                     */
                     "application/json": components["schemas"]["ErrorView"];
                 };
             };
@@ -4766,6 +8388,12 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "expires_at": "2026-11-28T16:05:10.008Z",
+                     *       "url": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report?link=1795881910..SwrTruyqwFfKNKfoVN12iL9R9x9HJz1wOcADw07kEqc"
+                     *     }
+                     */
                     "application/json": components["schemas"]["LinkView"];
                 };
             };
@@ -4802,6 +8430,401 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "expected_shear": [
+                     *         -1.5,
+                     *         1.5
+                     *       ],
+                     *       "expected_stretch": [
+                     *         0.5,
+                     *         2
+                     *       ],
+                     *       "laws": [
+                     *         {
+                     *           "constants": {
+                     *             "poisson": "",
+                     *             "shear_modulus_mpa": "MPa"
+                     *           },
+                     *           "energy": "mu/2 (J^(-2/3) I1 - 3)",
+                     *           "name": "neo_hookean"
+                     *         },
+                     *         {
+                     *           "constants": {
+                     *             "c01_mpa": "MPa",
+                     *             "c10_mpa": "MPa",
+                     *             "poisson": ""
+                     *           },
+                     *           "energy": "c10 (J^(-2/3) I1 - 3) + c01 (J^(-4/3) I2 - 3)",
+                     *           "name": "mooney_rivlin"
+                     *         },
+                     *         {
+                     *           "constants": {
+                     *             "c1_mpa": "MPa",
+                     *             "c2_mpa": "MPa",
+                     *             "c3_mpa": "MPa",
+                     *             "poisson": ""
+                     *           },
+                     *           "energy": "c1 f + c2 f² + c3 f³, f = J^(-2/3) I1 - 3",
+                     *           "name": "yeoh"
+                     *         },
+                     *         {
+                     *           "constants": {
+                     *             "alpha": "",
+                     *             "poisson": "",
+                     *             "shear_modulus_mpa": "MPa"
+                     *           },
+                     *           "energy": "2 mu / alpha² (J^(-alpha/3) (s1^alpha + s2^alpha + s3^alpha) - 3), s the principal stretches",
+                     *           "name": "ogden"
+                     *         }
+                     *       ],
+                     *       "presets": [
+                     *         {
+                     *           "default": true,
+                     *           "name": "wang_2009_stable",
+                     *           "source": "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1: the small-strain shear moduli 2 (C10 + C01), as neo-Hookean",
+                     *           "tissues": {
+                     *             "cartilage": {
+                     *               "material": {
+                     *                 "law": "neo_hookean",
+                     *                 "poisson": 0.45,
+                     *                 "shear_modulus_mpa": 0.3448
+                     *               },
+                     *               "moduli": {
+                     *                 "bulk_modulus_kpa": 3333.3333,
+                     *                 "poisson": 0.45,
+                     *                 "shear_modulus_kpa": 344.8276,
+                     *                 "young_modulus_kpa": 1000
+                     *               },
+                     *               "polyconvex": true,
+                     *               "stable_range": {
+                     *                 "equibiaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "planar": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "shear": [
+                     *                   -1.5,
+                     *                   1.5
+                     *                 ],
+                     *                 "uniaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ]
+                     *               }
+                     *             },
+                     *             "fat": {
+                     *               "material": {
+                     *                 "law": "neo_hookean",
+                     *                 "poisson": 0.49,
+                     *                 "shear_modulus_mpa": 0.0118
+                     *               },
+                     *               "moduli": {
+                     *                 "bulk_modulus_kpa": 584.8969,
+                     *                 "poisson": 0.49,
+                     *                 "shear_modulus_kpa": 11.7764,
+                     *                 "young_modulus_kpa": 35.0938
+                     *               },
+                     *               "polyconvex": true,
+                     *               "stable_range": {
+                     *                 "equibiaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "planar": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "shear": [
+                     *                   -1.5,
+                     *                   1.5
+                     *                 ],
+                     *                 "uniaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ]
+                     *               }
+                     *             },
+                     *             "mucosa": {
+                     *               "material": {
+                     *                 "law": "neo_hookean",
+                     *                 "poisson": 0.3,
+                     *                 "shear_modulus_mpa": 0.0412
+                     *               },
+                     *               "moduli": {
+                     *                 "bulk_modulus_kpa": 89.3314,
+                     *                 "poisson": 0.3,
+                     *                 "shear_modulus_kpa": 41.2299,
+                     *                 "young_modulus_kpa": 107.1977
+                     *               },
+                     *               "polyconvex": true,
+                     *               "stable_range": {
+                     *                 "equibiaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "planar": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "shear": [
+                     *                   -1.5,
+                     *                   1.5
+                     *                 ],
+                     *                 "uniaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ]
+                     *               }
+                     *             },
+                     *             "muscle": {
+                     *               "material": {
+                     *                 "law": "neo_hookean",
+                     *                 "poisson": 0.3,
+                     *                 "shear_modulus_mpa": 0.0412
+                     *               },
+                     *               "moduli": {
+                     *                 "bulk_modulus_kpa": 89.3314,
+                     *                 "poisson": 0.3,
+                     *                 "shear_modulus_kpa": 41.2299,
+                     *                 "young_modulus_kpa": 107.1977
+                     *               },
+                     *               "polyconvex": true,
+                     *               "stable_range": {
+                     *                 "equibiaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "planar": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "shear": [
+                     *                   -1.5,
+                     *                   1.5
+                     *                 ],
+                     *                 "uniaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ]
+                     *               }
+                     *             },
+                     *             "skin": {
+                     *               "material": {
+                     *                 "law": "neo_hookean",
+                     *                 "poisson": 0.49,
+                     *                 "shear_modulus_mpa": 0.0701
+                     *               },
+                     *               "moduli": {
+                     *                 "bulk_modulus_kpa": 3483.7652,
+                     *                 "poisson": 0.49,
+                     *                 "shear_modulus_kpa": 70.1429,
+                     *                 "young_modulus_kpa": 209.0259
+                     *               },
+                     *               "polyconvex": true,
+                     *               "stable_range": {
+                     *                 "equibiaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "planar": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "shear": [
+                     *                   -1.5,
+                     *                   1.5
+                     *                 ],
+                     *                 "uniaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ]
+                     *               }
+                     *             }
+                     *           }
+                     *         },
+                     *         {
+                     *           "default": false,
+                     *           "name": "wang_2009_tension",
+                     *           "source": "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1: the same moduli, second constant fitted to the published uniaxial curve up to a stretch of 1.2 (within 13, 12, 40 % in skin, muscle, fat)",
+                     *           "tissues": {
+                     *             "cartilage": {
+                     *               "material": {
+                     *                 "law": "neo_hookean",
+                     *                 "poisson": 0.45,
+                     *                 "shear_modulus_mpa": 0.3448
+                     *               },
+                     *               "moduli": {
+                     *                 "bulk_modulus_kpa": 3333.3333,
+                     *                 "poisson": 0.45,
+                     *                 "shear_modulus_kpa": 344.8276,
+                     *                 "young_modulus_kpa": 1000
+                     *               },
+                     *               "polyconvex": true,
+                     *               "stable_range": {
+                     *                 "equibiaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "planar": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "shear": [
+                     *                   -1.5,
+                     *                   1.5
+                     *                 ],
+                     *                 "uniaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ]
+                     *               }
+                     *             },
+                     *             "fat": {
+                     *               "material": {
+                     *                 "c1_mpa": 0.0059,
+                     *                 "c2_mpa": 0.1456,
+                     *                 "c3_mpa": 0,
+                     *                 "law": "yeoh",
+                     *                 "poisson": 0.49
+                     *               },
+                     *               "moduli": {
+                     *                 "bulk_modulus_kpa": 584.8969,
+                     *                 "poisson": 0.49,
+                     *                 "shear_modulus_kpa": 11.7764,
+                     *                 "young_modulus_kpa": 35.0938
+                     *               },
+                     *               "polyconvex": true,
+                     *               "stable_range": {
+                     *                 "equibiaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "planar": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "shear": [
+                     *                   -1.5,
+                     *                   1.5
+                     *                 ],
+                     *                 "uniaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ]
+                     *               }
+                     *             },
+                     *             "mucosa": {
+                     *               "material": {
+                     *                 "c1_mpa": 0.0206,
+                     *                 "c2_mpa": 0.0704,
+                     *                 "c3_mpa": 0,
+                     *                 "law": "yeoh",
+                     *                 "poisson": 0.3
+                     *               },
+                     *               "moduli": {
+                     *                 "bulk_modulus_kpa": 89.3314,
+                     *                 "poisson": 0.3,
+                     *                 "shear_modulus_kpa": 41.2299,
+                     *                 "young_modulus_kpa": 107.1977
+                     *               },
+                     *               "polyconvex": true,
+                     *               "stable_range": {
+                     *                 "equibiaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "planar": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "shear": [
+                     *                   -1.5,
+                     *                   1.5
+                     *                 ],
+                     *                 "uniaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ]
+                     *               }
+                     *             },
+                     *             "muscle": {
+                     *               "material": {
+                     *                 "c1_mpa": 0.0206,
+                     *                 "c2_mpa": 0.0704,
+                     *                 "c3_mpa": 0,
+                     *                 "law": "yeoh",
+                     *                 "poisson": 0.3
+                     *               },
+                     *               "moduli": {
+                     *                 "bulk_modulus_kpa": 89.3314,
+                     *                 "poisson": 0.3,
+                     *                 "shear_modulus_kpa": 41.2299,
+                     *                 "young_modulus_kpa": 107.1977
+                     *               },
+                     *               "polyconvex": true,
+                     *               "stable_range": {
+                     *                 "equibiaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "planar": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "shear": [
+                     *                   -1.5,
+                     *                   1.5
+                     *                 ],
+                     *                 "uniaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ]
+                     *               }
+                     *             },
+                     *             "skin": {
+                     *               "material": {
+                     *                 "c1_mpa": 0.0351,
+                     *                 "c2_mpa": 0.1401,
+                     *                 "c3_mpa": 0,
+                     *                 "law": "yeoh",
+                     *                 "poisson": 0.49
+                     *               },
+                     *               "moduli": {
+                     *                 "bulk_modulus_kpa": 3483.7652,
+                     *                 "poisson": 0.49,
+                     *                 "shear_modulus_kpa": 70.1429,
+                     *                 "young_modulus_kpa": 209.0259
+                     *               },
+                     *               "polyconvex": true,
+                     *               "stable_range": {
+                     *                 "equibiaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "planar": [
+                     *                   0.5,
+                     *                   2
+                     *                 ],
+                     *                 "shear": [
+                     *                   -1.5,
+                     *                   1.5
+                     *                 ],
+                     *                 "uniaxial": [
+                     *                   0.5,
+                     *                   2
+                     *                 ]
+                     *               }
+                     *             }
+                     *           }
+                     *         }
+                     *       ],
+                     *       "volumetric_energy": "K/4 (J² - 1 - 2 ln J), K = 2 mu (1 + nu) / (3 (1 - 2 nu))"
+                     *     }
+                     */
                     "application/json": components["schemas"]["MaterialsList"];
                 };
             };
@@ -4839,6 +8862,77 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "admissible": true,
+                     *       "losses": [],
+                     *       "material": {
+                     *         "c01_mpa": 0.0012,
+                     *         "c10_mpa": 0.0047,
+                     *         "law": "mooney_rivlin",
+                     *         "poisson": 0.45
+                     *       },
+                     *       "moduli": {
+                     *         "bulk_modulus_kpa": 114.0667,
+                     *         "poisson": 0.45,
+                     *         "shear_modulus_kpa": 11.8,
+                     *         "young_modulus_kpa": 34.22
+                     *       },
+                     *       "polyconvex": false,
+                     *       "stable_range": {
+                     *         "equibiaxial": [
+                     *           0.5,
+                     *           2
+                     *         ],
+                     *         "planar": [
+                     *           0.5,
+                     *           2
+                     *         ],
+                     *         "shear": [
+                     *           -1.5,
+                     *           1.5
+                     *         ],
+                     *         "uniaxial": [
+                     *           0.5,
+                     *           2
+                     *         ]
+                     *       },
+                     *       "tests": [
+                     *         {
+                     *           "looked_at": [
+                     *             0.4,
+                     *             2
+                     *           ],
+                     *           "lost": {},
+                     *           "mode": "uniaxial"
+                     *         },
+                     *         {
+                     *           "looked_at": [
+                     *             0.4,
+                     *             2
+                     *           ],
+                     *           "lost": {},
+                     *           "mode": "equibiaxial"
+                     *         },
+                     *         {
+                     *           "looked_at": [
+                     *             0.4,
+                     *             2
+                     *           ],
+                     *           "lost": {},
+                     *           "mode": "planar"
+                     *         },
+                     *         {
+                     *           "looked_at": [
+                     *             0,
+                     *             1.5
+                     *           ],
+                     *           "lost": {},
+                     *           "mode": "shear"
+                     *         }
+                     *       ]
+                     *     }
+                     */
                     "application/json": components["schemas"]["MaterialCheck"];
                 };
             };
@@ -4877,6 +8971,209 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "next": "/v1/sessions?before=0197a2c0-0000-7000-8000-000000000001&limit=2",
+                     *       "sessions": [
+                     *         {
+                     *           "bytes": 7002626,
+                     *           "created_at": "2026-11-28T16:00:14.100Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "jobs": [],
+                     *           "label": "ready mesh",
+                     *           "osteotomies": [],
+                     *           "parts": {
+                     *             "air": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "bone_1": {
+                     *               "bytes": 5056680,
+                     *               "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
+                     *               "state": "ready",
+                     *               "updated_at": "2026-11-28T16:00:14.926Z",
+                     *               "wall_s": 0.7056
+                     *             },
+                     *             "ct": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "field": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "field_settings": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "landmarks": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "mesh": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "skin": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "skull": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "soft_tissue": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "target": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "tissue": {
+                     *               "bytes": 1945946,
+                     *               "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
+                     *               "state": "ready",
+                     *               "updated_at": "2026-11-28T16:00:14.169Z",
+                     *               "wall_s": 0
+                     *             }
+                     *           },
+                     *           "plans": [],
+                     *           "settings": {}
+                     *         },
+                     *         {
+                     *           "bytes": 66791720,
+                     *           "created_at": "2026-11-28T15:59:53.621Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "jobs": [
+                     *             {
+                     *               "attempt": 1,
+                     *               "created_at": "2026-11-28T16:00:12.157Z",
+                     *               "eta_s": null,
+                     *               "finished_at": "2026-11-28T16:00:14.070Z",
+                     *               "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *               "kind": "compare",
+                     *               "links": {
+                     *                 "comparison": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/comparison",
+                     *                 "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *                 "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *               },
+                     *               "phase": "done",
+                     *               "problem": null,
+                     *               "progress": 1,
+                     *               "queue_position": null,
+                     *               "residuals": [],
+                     *               "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *               "started_at": "2026-11-28T16:00:12.159Z",
+                     *               "status": "succeeded",
+                     *               "step": 0,
+                     *               "steps": 0,
+                     *               "warnings": []
+                     *             },
+                     *             {
+                     *               "attempt": 1,
+                     *               "created_at": "2026-11-28T16:00:10.026Z",
+                     *               "eta_s": null,
+                     *               "finished_at": "2026-11-28T16:00:12.128Z",
+                     *               "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *               "kind": "compare",
+                     *               "links": {
+                     *                 "comparison": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/comparison",
+                     *                 "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *                 "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *               },
+                     *               "phase": "done",
+                     *               "problem": null,
+                     *               "progress": 1,
+                     *               "queue_position": null,
+                     *               "residuals": [],
+                     *               "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *               "started_at": "2026-11-28T16:00:10.028Z",
+                     *               "status": "succeeded",
+                     *               "step": 0,
+                     *               "steps": 0,
+                     *               "warnings": []
+                     *             }
+                     *           ],
+                     *           "label": "case 17",
+                     *           "osteotomies": [
+                     *             "0197a2c0-0000-7000-8000-000000000001"
+                     *           ],
+                     *           "parts": {
+                     *             "air": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "ct": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "field": {
+                     *               "bytes": 26589585,
+                     *               "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
+                     *               "state": "ready",
+                     *               "updated_at": "2026-11-28T16:00:01.146Z",
+                     *               "wall_s": 5.4477
+                     *             },
+                     *             "field_settings": {
+                     *               "bytes": 121,
+                     *               "sha256": "3a13923abb70ab8e08a117289f391eda8cb39acbc5846b609815929f6bd5bc4a",
+                     *               "state": "ready",
+                     *               "updated_at": "2026-11-28T15:59:55.657Z",
+                     *               "wall_s": 0
+                     *             },
+                     *             "landmarks": {
+                     *               "bytes": 585,
+                     *               "sha256": "1f24ddab13a228fcacf7ea19914f1c2d417f3f1ee2c3e36dfeba6220b350e241",
+                     *               "state": "ready",
+                     *               "updated_at": "2026-11-28T15:59:55.653Z",
+                     *               "wall_s": 0
+                     *             },
+                     *             "mesh": {
+                     *               "bytes": 938667,
+                     *               "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
+                     *               "state": "ready",
+                     *               "updated_at": "2026-11-28T16:00:04.573Z",
+                     *               "wall_s": 2.4773
+                     *             },
+                     *             "skin": {
+                     *               "bytes": 3918696,
+                     *               "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
+                     *               "state": "ready",
+                     *               "updated_at": "2026-11-28T15:59:54.311Z",
+                     *               "wall_s": 0.64
+                     *             },
+                     *             "skull": {
+                     *               "bytes": 5056680,
+                     *               "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
+                     *               "state": "ready",
+                     *               "updated_at": "2026-11-28T15:59:55.073Z",
+                     *               "wall_s": 0.6999
+                     *             },
+                     *             "soft_tissue": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "target": {
+                     *               "bytes": 3918696,
+                     *               "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
+                     *               "state": "ready",
+                     *               "updated_at": "2026-11-28T15:59:55.639Z",
+                     *               "wall_s": 0.524
+                     *             },
+                     *             "tissue": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             }
+                     *           },
+                     *           "plans": [
+                     *             "0197a2c0-0000-7000-8000-000000000001"
+                     *           ],
+                     *           "settings": {}
+                     *         }
+                     *       ]
+                     *     }
+                     */
                     "application/json": components["schemas"]["SessionList"];
                 };
             };
@@ -4918,6 +9215,64 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "bytes": 0,
+                     *       "created_at": "2026-11-28T16:00:14.100Z",
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "jobs": [],
+                     *       "label": "ready mesh",
+                     *       "osteotomies": [],
+                     *       "parts": {
+                     *         "air": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "ct": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "field": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "field_settings": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "landmarks": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "mesh": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "skin": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "skull": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "soft_tissue": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "target": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "tissue": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         }
+                     *       },
+                     *       "plans": [],
+                     *       "settings": {}
+                     *     }
+                     */
                     "application/json": components["schemas"]["SessionView"];
                 };
             };
@@ -4954,6 +9309,206 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "bytes": 57648088,
+                     *       "created_at": "2026-11-28T15:59:53.621Z",
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "jobs": [
+                     *         {
+                     *           "attempt": 1,
+                     *           "created_at": "2026-11-28T16:00:05.325Z",
+                     *           "eta_s": null,
+                     *           "finished_at": "2026-11-28T16:00:09.946Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "kind": "solve",
+                     *           "links": {
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *             "last_skin": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/2/skin",
+                     *             "report": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001",
+                     *             "tissue": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/tissue",
+                     *             "topology": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/topology"
+                     *           },
+                     *           "notes": [
+                     *             {
+                     *               "action": "Use the locking option `patched`.",
+                     *               "code": "stiff-elements",
+                     *               "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *               "severity": "info"
+                     *             },
+                     *             {
+                     *               "code": "overlap-at-rest",
+                     *               "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *               "severity": "info"
+                     *             }
+                     *           ],
+                     *           "phase": "done",
+                     *           "plan": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "problem": null,
+                     *           "progress": 1,
+                     *           "queue_position": null,
+                     *           "residuals": [
+                     *             0.001,
+                     *             0
+                     *           ],
+                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "started_at": "2026-11-28T16:00:05.328Z",
+                     *           "status": "succeeded",
+                     *           "step": 2,
+                     *           "steps": 2,
+                     *           "warnings": []
+                     *         },
+                     *         {
+                     *           "attempt": 1,
+                     *           "created_at": "2026-11-28T16:00:02.048Z",
+                     *           "eta_s": null,
+                     *           "finished_at": "2026-11-28T16:00:04.578Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "kind": "mesh",
+                     *           "links": {
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *             "mesh": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/mesh",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *           },
+                     *           "notes": [
+                     *             {
+                     *               "code": "mesh-pockets",
+                     *               "message": "tissue behind narrow necks was left out: 12 pockets with 758 tetrahedra and 8.71 cm³, 1.8 % of the mesh",
+                     *               "severity": "info"
+                     *             },
+                     *             {
+                     *               "code": "mesh-loose-parts",
+                     *               "message": "4 parts attached to the tissue by fewer than two faces were dropped (6 of 25220 elements)",
+                     *               "severity": "info"
+                     *             }
+                     *           ],
+                     *           "phase": "done",
+                     *           "problem": null,
+                     *           "progress": 1,
+                     *           "queue_position": null,
+                     *           "residuals": [],
+                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "started_at": "2026-11-28T16:00:02.052Z",
+                     *           "status": "succeeded",
+                     *           "step": 0,
+                     *           "steps": 0,
+                     *           "warnings": []
+                     *         },
+                     *         {
+                     *           "attempt": 1,
+                     *           "created_at": "2026-11-28T15:59:55.660Z",
+                     *           "eta_s": null,
+                     *           "finished_at": "2026-11-28T16:00:01.214Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "kind": "field",
+                     *           "links": {
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *             "field": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/field",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *           },
+                     *           "notes": [
+                     *             {
+                     *               "code": "envelope-parts-dropped",
+                     *               "message": "3 separate parts smaller than 1000 mm³ dropped (3 mm³ in all)",
+                     *               "severity": "info"
+                     *             },
+                     *             {
+                     *               "code": "cavities-filled",
+                     *               "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.4 cm³, surface 826.6 cm³",
+                     *               "severity": "info"
+                     *             }
+                     *           ],
+                     *           "phase": "done",
+                     *           "problem": null,
+                     *           "progress": 1,
+                     *           "queue_position": null,
+                     *           "residuals": [],
+                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "started_at": "2026-11-28T15:59:55.662Z",
+                     *           "status": "succeeded",
+                     *           "step": 0,
+                     *           "steps": 0,
+                     *           "warnings": []
+                     *         }
+                     *       ],
+                     *       "label": "case 17",
+                     *       "osteotomies": [
+                     *         "0197a2c0-0000-7000-8000-000000000001"
+                     *       ],
+                     *       "parts": {
+                     *         "air": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "ct": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "field": {
+                     *           "bytes": 26589585,
+                     *           "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
+                     *           "state": "ready",
+                     *           "updated_at": "2026-11-28T16:00:01.146Z",
+                     *           "wall_s": 5.4477
+                     *         },
+                     *         "field_settings": {
+                     *           "bytes": 121,
+                     *           "sha256": "3a13923abb70ab8e08a117289f391eda8cb39acbc5846b609815929f6bd5bc4a",
+                     *           "state": "ready",
+                     *           "updated_at": "2026-11-28T15:59:55.657Z",
+                     *           "wall_s": 0
+                     *         },
+                     *         "landmarks": {
+                     *           "bytes": 585,
+                     *           "sha256": "1f24ddab13a228fcacf7ea19914f1c2d417f3f1ee2c3e36dfeba6220b350e241",
+                     *           "state": "ready",
+                     *           "updated_at": "2026-11-28T15:59:55.653Z",
+                     *           "wall_s": 0
+                     *         },
+                     *         "mesh": {
+                     *           "bytes": 938667,
+                     *           "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
+                     *           "state": "ready",
+                     *           "updated_at": "2026-11-28T16:00:04.573Z",
+                     *           "wall_s": 2.4773
+                     *         },
+                     *         "skin": {
+                     *           "bytes": 3918696,
+                     *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
+                     *           "state": "ready",
+                     *           "updated_at": "2026-11-28T15:59:54.311Z",
+                     *           "wall_s": 0.64
+                     *         },
+                     *         "skull": {
+                     *           "bytes": 5056680,
+                     *           "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
+                     *           "state": "ready",
+                     *           "updated_at": "2026-11-28T15:59:55.073Z",
+                     *           "wall_s": 0.6999
+                     *         },
+                     *         "soft_tissue": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "target": {
+                     *           "bytes": 3918696,
+                     *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
+                     *           "state": "ready",
+                     *           "updated_at": "2026-11-28T15:59:55.639Z",
+                     *           "wall_s": 0.524
+                     *         },
+                     *         "tissue": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         }
+                     *       },
+                     *       "plans": [
+                     *         "0197a2c0-0000-7000-8000-000000000001"
+                     *       ],
+                     *       "settings": {}
+                     *     }
+                     */
                     "application/json": components["schemas"]["SessionView"];
                 };
             };
@@ -5041,6 +9596,40 @@ export interface operations {
                     "model/gltf-binary": string;
                     "application/ply": string;
                     "model/stl": string;
+                    /**
+                     * @example {
+                     *       "area_mm2": 165795.7925,
+                     *       "closed": true,
+                     *       "components": 4,
+                     *       "degenerate_triangles": 0,
+                     *       "duplicate_triangles": 0,
+                     *       "holes": 0,
+                     *       "inconsistent_edges": 0,
+                     *       "max_mm": [
+                     *         68.9972,
+                     *         89.9954,
+                     *         162.997
+                     *       ],
+                     *       "min_mm": [
+                     *         -68.9972,
+                     *         -96.6514,
+                     *         -52.8999
+                     *       ],
+                     *       "non_manifold_edges": 0,
+                     *       "open_edges": 0,
+                     *       "origin": {
+                     *         "bytes": 10534484,
+                     *         "format": "stl",
+                     *         "kind": "upload",
+                     *         "sha256": "d4215fa63c26ffe3e12d879b2f695d96fbb94277b21e462608ccb4b237710a0a"
+                     *       },
+                     *       "self_intersections": 0,
+                     *       "triangles": 210688,
+                     *       "vertices": 105350,
+                     *       "volume_mm3": 826565.0473,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };
@@ -5092,6 +9681,40 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "area_mm2": 165795.7925,
+                     *       "closed": true,
+                     *       "components": 4,
+                     *       "degenerate_triangles": 0,
+                     *       "duplicate_triangles": 0,
+                     *       "holes": 0,
+                     *       "inconsistent_edges": 0,
+                     *       "max_mm": [
+                     *         68.9972,
+                     *         89.9954,
+                     *         162.997
+                     *       ],
+                     *       "min_mm": [
+                     *         -68.9972,
+                     *         -96.6514,
+                     *         -52.8999
+                     *       ],
+                     *       "non_manifold_edges": 0,
+                     *       "open_edges": 0,
+                     *       "origin": {
+                     *         "bytes": 10534484,
+                     *         "format": "stl",
+                     *         "kind": "upload",
+                     *         "sha256": "d4215fa63c26ffe3e12d879b2f695d96fbb94277b21e462608ccb4b237710a0a"
+                     *       },
+                     *       "self_intersections": 0,
+                     *       "triangles": 210688,
+                     *       "vertices": 105350,
+                     *       "volume_mm3": 826565.0473,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };
@@ -5187,6 +9810,32 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "attempt": 0,
+                     *       "created_at": "2026-11-28T15:59:45.422Z",
+                     *       "eta_s": null,
+                     *       "finished_at": null,
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "kind": "import",
+                     *       "links": {
+                     *         "cancel": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/cancel",
+                     *         "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *         "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *       },
+                     *       "phase": "waiting",
+                     *       "problem": null,
+                     *       "progress": 0,
+                     *       "queue_position": 0,
+                     *       "residuals": [],
+                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "started_at": null,
+                     *       "status": "accepted",
+                     *       "step": 0,
+                     *       "steps": 0,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["JobView"];
                 };
             };
@@ -5223,6 +9872,64 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "bytes": 26589585,
+                     *       "report": {
+                     *         "bone": {
+                     *           "bricks": 8668,
+                     *           "checked_points": 3182,
+                     *           "max_error_mm": 0.2849,
+                     *           "memory_bytes": 9233444,
+                     *           "regions": [],
+                     *           "rms_error_mm": 0.0205,
+                     *           "warnings": []
+                     *         },
+                     *         "notes": [
+                     *           {
+                     *             "code": "envelope-parts-dropped",
+                     *             "message": "3 separate parts smaller than 1000 mm³ dropped (3 mm³ in all)",
+                     *             "severity": "info"
+                     *           },
+                     *           {
+                     *             "code": "cavities-filled",
+                     *             "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.4 cm³, surface 826.6 cm³",
+                     *             "severity": "info"
+                     *           }
+                     *         ],
+                     *         "settings": {
+                     *           "band_mm": 5,
+                     *           "envelope_closing_mm": 2,
+                     *           "envelope_spacing_mm": 1,
+                     *           "margin_mm": 10,
+                     *           "method": "adaptive",
+                     *           "spacing_mm": 0.8
+                     *         },
+                     *         "skin": {
+                     *           "bricks": 9903,
+                     *           "checked_points": 3073,
+                     *           "max_error_mm": 0.062,
+                     *           "memory_bytes": 10763456,
+                     *           "regions": [],
+                     *           "rms_error_mm": 0.0036,
+                     *           "warnings": []
+                     *         },
+                     *         "warnings": []
+                     *       },
+                     *       "settings": {
+                     *         "band_mm": 5,
+                     *         "envelope_closing_mm": 2,
+                     *         "envelope_spacing_mm": 1,
+                     *         "margin_mm": 10,
+                     *         "method": "adaptive",
+                     *         "spacing_mm": 0.8
+                     *       },
+                     *       "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
+                     *       "state": "ready",
+                     *       "updated_at": "2026-11-28T16:00:01.146Z",
+                     *       "wall_s": 5.4477
+                     *     }
+                     */
                     "application/json": components["schemas"]["FieldView"];
                 };
             };
@@ -5269,6 +9976,32 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "attempt": 0,
+                     *       "created_at": "2026-11-28T15:59:55.660Z",
+                     *       "eta_s": null,
+                     *       "finished_at": null,
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "kind": "field",
+                     *       "links": {
+                     *         "cancel": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/cancel",
+                     *         "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *         "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *       },
+                     *       "phase": "waiting",
+                     *       "problem": null,
+                     *       "progress": 0,
+                     *       "queue_position": 0,
+                     *       "residuals": [],
+                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "started_at": null,
+                     *       "status": "accepted",
+                     *       "step": 0,
+                     *       "steps": 0,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["JobView"];
                 };
             };
@@ -5309,6 +10042,30 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "closest_points_mm": [
+                     *         [
+                     *           12.5407,
+                     *           -79.6514,
+                     *           40.2706
+                     *         ]
+                     *       ],
+                     *       "distances_mm": [
+                     *         11.9353
+                     *       ],
+                     *       "gradients": [
+                     *         [
+                     *           -0.2377,
+                     *           -0.7665,
+                     *           0.2343
+                     *         ]
+                     *       ],
+                     *       "triangles": [
+                     *         101588
+                     *       ]
+                     *     }
+                     */
                     "application/json": components["schemas"]["PointValues"];
                 };
             };
@@ -5349,6 +10106,16 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "band_mm": 5,
+                     *       "envelope_closing_mm": 2,
+                     *       "envelope_spacing_mm": 1,
+                     *       "margin_mm": 10,
+                     *       "method": "adaptive",
+                     *       "spacing_mm": 0.8
+                     *     }
+                     */
                     "application/json": components["schemas"]["FieldSettingsDocument"];
                 };
             };
@@ -5439,6 +10206,33 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "attempt": 0,
+                     *       "created_at": "2026-11-28T16:00:05.325Z",
+                     *       "eta_s": null,
+                     *       "finished_at": null,
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "kind": "solve",
+                     *       "links": {
+                     *         "cancel": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/cancel",
+                     *         "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *         "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *       },
+                     *       "phase": "waiting",
+                     *       "plan": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "problem": null,
+                     *       "progress": 0,
+                     *       "queue_position": 0,
+                     *       "residuals": [],
+                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "started_at": null,
+                     *       "status": "accepted",
+                     *       "step": 0,
+                     *       "steps": 2,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["JobView"];
                 };
             };
@@ -5482,6 +10276,76 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "le_fort_1_plane": {
+                     *         "normal": [
+                     *           0,
+                     *           0,
+                     *           1
+                     *         ],
+                     *         "point_mm": [
+                     *           0,
+                     *           -60,
+                     *           32
+                     *         ]
+                     *       },
+                     *       "midline_x_mm": 0,
+                     *       "occlusal_plane_z_mm": 0,
+                     *       "points": {
+                     *         "ans": [
+                     *           0,
+                     *           -85.0616,
+                     *           27.2
+                     *         ],
+                     *         "frontomalare_left": [
+                     *           46.9,
+                     *           -65.7067,
+                     *           77
+                     *         ],
+                     *         "frontomalare_right": [
+                     *           -46.9,
+                     *           -65.7067,
+                     *           77
+                     *         ],
+                     *         "menton": [
+                     *           0,
+                     *           -74.3,
+                     *           -42.0005
+                     *         ],
+                     *         "nasal_bone_tip": [
+                     *           0,
+                     *           -96.1249,
+                     *           62
+                     *         ],
+                     *         "orbitale_left": [
+                     *           30,
+                     *           -69.8037,
+                     *           52.05
+                     *         ],
+                     *         "orbitale_right": [
+                     *           -30,
+                     *           -69.8037,
+                     *           52.05
+                     *         ],
+                     *         "pogonion": [
+                     *           0,
+                     *           -82.8441,
+                     *           -33.75
+                     *         ],
+                     *         "pronasale": [
+                     *           0,
+                     *           -112.273,
+                     *           40.5
+                     *         ],
+                     *         "soft_pogonion": [
+                     *           0,
+                     *           -93.2599,
+                     *           -31.35
+                     *         ]
+                     *       }
+                     *     }
+                     */
                     "application/json": components["schemas"]["LandmarksDocument"];
                 };
             };
@@ -5522,6 +10386,76 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "le_fort_1_plane": {
+                     *         "normal": [
+                     *           0,
+                     *           0,
+                     *           1
+                     *         ],
+                     *         "point_mm": [
+                     *           0,
+                     *           -60,
+                     *           32
+                     *         ]
+                     *       },
+                     *       "midline_x_mm": 0,
+                     *       "occlusal_plane_z_mm": 0,
+                     *       "points": {
+                     *         "ans": [
+                     *           0,
+                     *           -85.0616,
+                     *           27.2
+                     *         ],
+                     *         "frontomalare_left": [
+                     *           46.9,
+                     *           -65.7067,
+                     *           77
+                     *         ],
+                     *         "frontomalare_right": [
+                     *           -46.9,
+                     *           -65.7067,
+                     *           77
+                     *         ],
+                     *         "menton": [
+                     *           0,
+                     *           -74.3,
+                     *           -42.0005
+                     *         ],
+                     *         "nasal_bone_tip": [
+                     *           0,
+                     *           -96.1249,
+                     *           62
+                     *         ],
+                     *         "orbitale_left": [
+                     *           30,
+                     *           -69.8037,
+                     *           52.05
+                     *         ],
+                     *         "orbitale_right": [
+                     *           -30,
+                     *           -69.8037,
+                     *           52.05
+                     *         ],
+                     *         "pogonion": [
+                     *           0,
+                     *           -82.8441,
+                     *           -33.75
+                     *         ],
+                     *         "pronasale": [
+                     *           0,
+                     *           -112.273,
+                     *           40.5
+                     *         ],
+                     *         "soft_pogonion": [
+                     *           0,
+                     *           -93.2599,
+                     *           -31.35
+                     *         ]
+                     *       }
+                     *     }
+                     */
                     "application/json": components["schemas"]["LandmarksDocument"];
                 };
             };
@@ -5558,6 +10492,51 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "bytes": 938667,
+                     *       "report": {
+                     *         "cartilage": 0,
+                     *         "inverted": 0,
+                     *         "max_dihedral_deg": 159.7835,
+                     *         "max_skin_distance_mm": 0.22,
+                     *         "min_dihedral_deg": 11.6971,
+                     *         "min_scaled_jacobian": 0.2504,
+                     *         "muscle_share": 0.4993,
+                     *         "nodes": 7937,
+                     *         "non_manifold_edges": 0,
+                     *         "notes": [
+                     *           {
+                     *             "code": "mesh-pockets",
+                     *             "message": "tissue behind narrow necks was left out: 12 pockets with 758 tetrahedra and 8.71 cm³, 1.8 % of the mesh",
+                     *             "severity": "info"
+                     *           },
+                     *           {
+                     *             "code": "mesh-loose-parts",
+                     *             "message": "4 parts attached to the tissue by fewer than two faces were dropped (6 of 25220 elements)",
+                     *             "severity": "info"
+                     *           }
+                     *         ],
+                     *         "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *         "prisms": 3940,
+                     *         "settings": {
+                     *           "depth_mm": 30,
+                     *           "edge_mm": 7,
+                     *           "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "region": null,
+                     *           "skin_thickness_mm": 1.5
+                     *         },
+                     *         "tetrahedra": 21274,
+                     *         "tissue_from_ct": false,
+                     *         "volume_error": -0.0148,
+                     *         "warnings": []
+                     *       },
+                     *       "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
+                     *       "state": "ready",
+                     *       "updated_at": "2026-11-28T16:00:04.573Z",
+                     *       "wall_s": 2.4773
+                     *     }
+                     */
                     "application/json": components["schemas"]["MeshView"];
                 };
             };
@@ -5603,6 +10582,32 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "attempt": 0,
+                     *       "created_at": "2026-11-28T16:00:02.048Z",
+                     *       "eta_s": null,
+                     *       "finished_at": null,
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "kind": "mesh",
+                     *       "links": {
+                     *         "cancel": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/cancel",
+                     *         "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *         "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *       },
+                     *       "phase": "waiting",
+                     *       "problem": null,
+                     *       "progress": 0,
+                     *       "queue_position": 0,
+                     *       "residuals": [],
+                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "started_at": null,
+                     *       "status": "accepted",
+                     *       "step": 0,
+                     *       "steps": 0,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["JobView"];
                 };
             };
@@ -5639,6 +10644,143 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "osteotomies": [
+                     *         {
+                     *           "bone_mm3": 1873416.0807,
+                     *           "clearances": [],
+                     *           "created_at": "2026-11-28T16:00:02.036Z",
+                     *           "cuts": [
+                     *             {
+                     *               "kerf_mm": 0,
+                     *               "name": "le_fort_1",
+                     *               "plane": {
+                     *                 "bounds": {
+                     *                   "direction": [
+                     *                     1,
+                     *                     0,
+                     *                     0
+                     *                   ],
+                     *                   "half_length_mm": 60,
+                     *                   "half_width_mm": 32.5
+                     *                 },
+                     *                 "normal": [
+                     *                   0,
+                     *                   0,
+                     *                   1
+                     *                 ],
+                     *                 "point_mm": [
+                     *                   0,
+                     *                   -69.5,
+                     *                   32
+                     *                 ]
+                     *               },
+                     *               "purpose": "osteotomy"
+                     *             },
+                     *             {
+                     *               "kerf_mm": 0,
+                     *               "name": "pterygomaxillary",
+                     *               "plane": {
+                     *                 "bounds": {
+                     *                   "direction": [
+                     *                     1,
+                     *                     0,
+                     *                     0
+                     *                   ],
+                     *                   "half_length_mm": 38,
+                     *                   "half_width_mm": 18
+                     *                 },
+                     *                 "normal": [
+                     *                   0,
+                     *                   1,
+                     *                   0
+                     *                 ],
+                     *                 "point_mm": [
+                     *                   0,
+                     *                   -39,
+                     *                   16
+                     *                 ]
+                     *               },
+                     *               "purpose": "osteotomy"
+                     *             },
+                     *             {
+                     *               "kerf_mm": 0,
+                     *               "name": "occlusal",
+                     *               "plane": {
+                     *                 "bounds": {
+                     *                   "direction": [
+                     *                     1,
+                     *                     0,
+                     *                     0
+                     *                   ],
+                     *                   "half_length_mm": 45,
+                     *                   "half_width_mm": 32.5
+                     *                 },
+                     *                 "normal": [
+                     *                   0,
+                     *                   0,
+                     *                   1
+                     *                 ],
+                     *                 "point_mm": [
+                     *                   0,
+                     *                   -69.5,
+                     *                   0
+                     *                 ]
+                     *               },
+                     *               "purpose": "separation"
+                     *             }
+                     *           ],
+                     *           "dropped_mm3": 0,
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "label": null,
+                     *           "segments": [
+                     *             {
+                     *               "area_mm2": 108740.14,
+                     *               "bounded_by": [
+                     *                 0,
+                     *                 1,
+                     *                 2
+                     *               ],
+                     *               "centroid_mm": [
+                     *                 -0.0003,
+                     *                 -1.729,
+                     *                 89.2447
+                     *               ],
+                     *               "id": 0,
+                     *               "name": "skull",
+                     *               "triangles": 310296,
+                     *               "volume_mm3": 1823562.5712
+                     *             },
+                     *             {
+                     *               "area_mm2": 10657.7075,
+                     *               "bounded_by": [
+                     *                 0,
+                     *                 1,
+                     *                 2
+                     *               ],
+                     *               "centroid_mm": [
+                     *                 0.0004,
+                     *                 -59.8994,
+                     *                 19.2381
+                     *               ],
+                     *               "id": 1,
+                     *               "name": "maxilla",
+                     *               "triangles": 26988,
+                     *               "volume_mm3": 49678.6382
+                     *             }
+                     *           ],
+                     *           "stale": false,
+                     *           "template": "le_fort_1",
+                     *           "templates": [
+                     *             "le_fort_1"
+                     *           ],
+                     *           "wall_s": 0.3689,
+                     *           "warnings": []
+                     *         }
+                     *       ]
+                     *     }
+                     */
                     "application/json": components["schemas"]["OsteotomyList"];
                 };
             };
@@ -5668,7 +10810,7 @@ export interface operations {
             };
             cookie?: never;
         };
-        requestBody?: {
+        requestBody: {
             content: {
                 "application/json": components["schemas"]["CreateOsteotomy"];
             };
@@ -5683,6 +10825,139 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "bone_mm3": 1873416.0807,
+                     *       "clearances": [],
+                     *       "created_at": "2026-11-28T16:00:02.036Z",
+                     *       "cuts": [
+                     *         {
+                     *           "kerf_mm": 0,
+                     *           "name": "le_fort_1",
+                     *           "plane": {
+                     *             "bounds": {
+                     *               "direction": [
+                     *                 1,
+                     *                 0,
+                     *                 0
+                     *               ],
+                     *               "half_length_mm": 60,
+                     *               "half_width_mm": 32.5
+                     *             },
+                     *             "normal": [
+                     *               0,
+                     *               0,
+                     *               1
+                     *             ],
+                     *             "point_mm": [
+                     *               0,
+                     *               -69.5,
+                     *               32
+                     *             ]
+                     *           },
+                     *           "purpose": "osteotomy"
+                     *         },
+                     *         {
+                     *           "kerf_mm": 0,
+                     *           "name": "pterygomaxillary",
+                     *           "plane": {
+                     *             "bounds": {
+                     *               "direction": [
+                     *                 1,
+                     *                 0,
+                     *                 0
+                     *               ],
+                     *               "half_length_mm": 38,
+                     *               "half_width_mm": 18
+                     *             },
+                     *             "normal": [
+                     *               0,
+                     *               1,
+                     *               0
+                     *             ],
+                     *             "point_mm": [
+                     *               0,
+                     *               -39,
+                     *               16
+                     *             ]
+                     *           },
+                     *           "purpose": "osteotomy"
+                     *         },
+                     *         {
+                     *           "kerf_mm": 0,
+                     *           "name": "occlusal",
+                     *           "plane": {
+                     *             "bounds": {
+                     *               "direction": [
+                     *                 1,
+                     *                 0,
+                     *                 0
+                     *               ],
+                     *               "half_length_mm": 45,
+                     *               "half_width_mm": 32.5
+                     *             },
+                     *             "normal": [
+                     *               0,
+                     *               0,
+                     *               1
+                     *             ],
+                     *             "point_mm": [
+                     *               0,
+                     *               -69.5,
+                     *               0
+                     *             ]
+                     *           },
+                     *           "purpose": "separation"
+                     *         }
+                     *       ],
+                     *       "dropped_mm3": 0,
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "label": null,
+                     *       "segments": [
+                     *         {
+                     *           "area_mm2": 108740.14,
+                     *           "bounded_by": [
+                     *             0,
+                     *             1,
+                     *             2
+                     *           ],
+                     *           "centroid_mm": [
+                     *             -0.0003,
+                     *             -1.729,
+                     *             89.2447
+                     *           ],
+                     *           "id": 0,
+                     *           "name": "skull",
+                     *           "triangles": 310296,
+                     *           "volume_mm3": 1823562.5712
+                     *         },
+                     *         {
+                     *           "area_mm2": 10657.7075,
+                     *           "bounded_by": [
+                     *             0,
+                     *             1,
+                     *             2
+                     *           ],
+                     *           "centroid_mm": [
+                     *             0.0004,
+                     *             -59.8994,
+                     *             19.2381
+                     *           ],
+                     *           "id": 1,
+                     *           "name": "maxilla",
+                     *           "triangles": 26988,
+                     *           "volume_mm3": 49678.6382
+                     *         }
+                     *       ],
+                     *       "stale": false,
+                     *       "template": "le_fort_1",
+                     *       "templates": [
+                     *         "le_fort_1"
+                     *       ],
+                     *       "wall_s": 0.3689,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["OsteotomyView"];
                 };
             };
@@ -5709,7 +10984,7 @@ export interface operations {
             };
             cookie?: never;
         };
-        requestBody?: {
+        requestBody: {
             content: {
                 "application/json": components["schemas"]["CreateOsteotomy"];
             };
@@ -5723,6 +10998,91 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "cuts": [
+                     *         {
+                     *           "kerf_mm": 0,
+                     *           "name": "le_fort_1",
+                     *           "plane": {
+                     *             "bounds": {
+                     *               "direction": [
+                     *                 1,
+                     *                 0,
+                     *                 0
+                     *               ],
+                     *               "half_length_mm": 60,
+                     *               "half_width_mm": 32.5
+                     *             },
+                     *             "normal": [
+                     *               0,
+                     *               0,
+                     *               1
+                     *             ],
+                     *             "point_mm": [
+                     *               0,
+                     *               -69.5,
+                     *               32
+                     *             ]
+                     *           },
+                     *           "purpose": "osteotomy"
+                     *         },
+                     *         {
+                     *           "kerf_mm": 0,
+                     *           "name": "pterygomaxillary",
+                     *           "plane": {
+                     *             "bounds": {
+                     *               "direction": [
+                     *                 1,
+                     *                 0,
+                     *                 0
+                     *               ],
+                     *               "half_length_mm": 38,
+                     *               "half_width_mm": 18
+                     *             },
+                     *             "normal": [
+                     *               0,
+                     *               1,
+                     *               0
+                     *             ],
+                     *             "point_mm": [
+                     *               0,
+                     *               -39,
+                     *               16
+                     *             ]
+                     *           },
+                     *           "purpose": "osteotomy"
+                     *         },
+                     *         {
+                     *           "kerf_mm": 0,
+                     *           "name": "occlusal",
+                     *           "plane": {
+                     *             "bounds": {
+                     *               "direction": [
+                     *                 1,
+                     *                 0,
+                     *                 0
+                     *               ],
+                     *               "half_length_mm": 45,
+                     *               "half_width_mm": 32.5
+                     *             },
+                     *             "normal": [
+                     *               0,
+                     *               0,
+                     *               1
+                     *             ],
+                     *             "point_mm": [
+                     *               0,
+                     *               -69.5,
+                     *               0
+                     *             ]
+                     *           },
+                     *           "purpose": "separation"
+                     *         }
+                     *       ],
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["OsteotomyPreview"];
                 };
             };
@@ -5761,6 +11121,139 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "bone_mm3": 1873416.0807,
+                     *       "clearances": [],
+                     *       "created_at": "2026-11-28T16:00:02.036Z",
+                     *       "cuts": [
+                     *         {
+                     *           "kerf_mm": 0,
+                     *           "name": "le_fort_1",
+                     *           "plane": {
+                     *             "bounds": {
+                     *               "direction": [
+                     *                 1,
+                     *                 0,
+                     *                 0
+                     *               ],
+                     *               "half_length_mm": 60,
+                     *               "half_width_mm": 32.5
+                     *             },
+                     *             "normal": [
+                     *               0,
+                     *               0,
+                     *               1
+                     *             ],
+                     *             "point_mm": [
+                     *               0,
+                     *               -69.5,
+                     *               32
+                     *             ]
+                     *           },
+                     *           "purpose": "osteotomy"
+                     *         },
+                     *         {
+                     *           "kerf_mm": 0,
+                     *           "name": "pterygomaxillary",
+                     *           "plane": {
+                     *             "bounds": {
+                     *               "direction": [
+                     *                 1,
+                     *                 0,
+                     *                 0
+                     *               ],
+                     *               "half_length_mm": 38,
+                     *               "half_width_mm": 18
+                     *             },
+                     *             "normal": [
+                     *               0,
+                     *               1,
+                     *               0
+                     *             ],
+                     *             "point_mm": [
+                     *               0,
+                     *               -39,
+                     *               16
+                     *             ]
+                     *           },
+                     *           "purpose": "osteotomy"
+                     *         },
+                     *         {
+                     *           "kerf_mm": 0,
+                     *           "name": "occlusal",
+                     *           "plane": {
+                     *             "bounds": {
+                     *               "direction": [
+                     *                 1,
+                     *                 0,
+                     *                 0
+                     *               ],
+                     *               "half_length_mm": 45,
+                     *               "half_width_mm": 32.5
+                     *             },
+                     *             "normal": [
+                     *               0,
+                     *               0,
+                     *               1
+                     *             ],
+                     *             "point_mm": [
+                     *               0,
+                     *               -69.5,
+                     *               0
+                     *             ]
+                     *           },
+                     *           "purpose": "separation"
+                     *         }
+                     *       ],
+                     *       "dropped_mm3": 0,
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "label": null,
+                     *       "segments": [
+                     *         {
+                     *           "area_mm2": 108740.14,
+                     *           "bounded_by": [
+                     *             0,
+                     *             1,
+                     *             2
+                     *           ],
+                     *           "centroid_mm": [
+                     *             -0.0003,
+                     *             -1.729,
+                     *             89.2447
+                     *           ],
+                     *           "id": 0,
+                     *           "name": "skull",
+                     *           "triangles": 310296,
+                     *           "volume_mm3": 1823562.5712
+                     *         },
+                     *         {
+                     *           "area_mm2": 10657.7075,
+                     *           "bounded_by": [
+                     *             0,
+                     *             1,
+                     *             2
+                     *           ],
+                     *           "centroid_mm": [
+                     *             0.0004,
+                     *             -59.8994,
+                     *             19.2381
+                     *           ],
+                     *           "id": 1,
+                     *           "name": "maxilla",
+                     *           "triangles": 26988,
+                     *           "volume_mm3": 49678.6382
+                     *         }
+                     *       ],
+                     *       "stale": false,
+                     *       "template": "le_fort_1",
+                     *       "templates": [
+                     *         "le_fort_1"
+                     *       ],
+                     *       "wall_s": 0.3689,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["OsteotomyView"];
                 };
             };
@@ -5890,6 +11383,84 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "plans": [
+                     *         {
+                     *           "created_at": "2026-11-28T16:00:04.621Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "label": null,
+                     *           "measured": true,
+                     *           "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "paths": [
+                     *             {
+                     *               "segment": 1,
+                     *               "waypoints": [
+                     *                 {
+                     *                   "quaternion_xyzw": [
+                     *                     0,
+                     *                     0,
+                     *                     0,
+                     *                     1
+                     *                   ],
+                     *                   "t": 0,
+                     *                   "translation_mm": [
+                     *                     0,
+                     *                     0,
+                     *                     0
+                     *                   ]
+                     *                 },
+                     *                 {
+                     *                   "quaternion_xyzw": [
+                     *                     0,
+                     *                     0,
+                     *                     0,
+                     *                     1
+                     *                   ],
+                     *                   "t": 1,
+                     *                   "translation_mm": [
+                     *                     0,
+                     *                     -5,
+                     *                     0
+                     *                   ]
+                     *                 }
+                     *               ]
+                     *             }
+                     *           ],
+                     *           "reports": [
+                     *             {
+                     *               "along": [
+                     *                 {
+                     *                   "gap_mm": 0.0007,
+                     *                   "gap_mm3": 59.4454,
+                     *                   "overlap_mm": 0,
+                     *                   "overlap_mm3": 7.1528,
+                     *                   "t": 0
+                     *                 },
+                     *                 {
+                     *                   "gap_mm": 0.1933,
+                     *                   "gap_mm3": 620.151,
+                     *                   "overlap_mm": 0,
+                     *                   "overlap_mm3": 0.25,
+                     *                   "t": 0.1
+                     *                 }
+                     *               ],
+                     *               "centroid_displacement_mm": [
+                     *                 0,
+                     *                 -5,
+                     *                 0
+                     *               ],
+                     *               "max_displacement_mm": 5,
+                     *               "path_length_mm": 5,
+                     *               "segment": 1
+                     *             }
+                     *           ],
+                     *           "wall_s": 0.6537,
+                     *           "warnings": []
+                     *         }
+                     *       ]
+                     *     }
+                     */
                     "application/json": components["schemas"]["PlanList"];
                 };
             };
@@ -5934,6 +11505,65 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "created_at": "2026-11-28T16:00:04.621Z",
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "label": null,
+                     *       "measured": false,
+                     *       "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "paths": [
+                     *         {
+                     *           "segment": 1,
+                     *           "waypoints": [
+                     *             {
+                     *               "quaternion_xyzw": [
+                     *                 0,
+                     *                 0,
+                     *                 0,
+                     *                 1
+                     *               ],
+                     *               "t": 0,
+                     *               "translation_mm": [
+                     *                 0,
+                     *                 0,
+                     *                 0
+                     *               ]
+                     *             },
+                     *             {
+                     *               "quaternion_xyzw": [
+                     *                 0,
+                     *                 0,
+                     *                 0,
+                     *                 1
+                     *               ],
+                     *               "t": 1,
+                     *               "translation_mm": [
+                     *                 0,
+                     *                 -5,
+                     *                 0
+                     *               ]
+                     *             }
+                     *           ]
+                     *         }
+                     *       ],
+                     *       "reports": [
+                     *         {
+                     *           "along": [],
+                     *           "centroid_displacement_mm": [
+                     *             0,
+                     *             -5,
+                     *             0
+                     *           ],
+                     *           "max_displacement_mm": 5,
+                     *           "path_length_mm": 5,
+                     *           "segment": 1
+                     *         }
+                     *       ],
+                     *       "wall_s": 0.0004,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["PlanView"];
                 };
             };
@@ -5972,6 +11602,80 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "created_at": "2026-11-28T16:00:04.621Z",
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "label": null,
+                     *       "measured": true,
+                     *       "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "paths": [
+                     *         {
+                     *           "segment": 1,
+                     *           "waypoints": [
+                     *             {
+                     *               "quaternion_xyzw": [
+                     *                 0,
+                     *                 0,
+                     *                 0,
+                     *                 1
+                     *               ],
+                     *               "t": 0,
+                     *               "translation_mm": [
+                     *                 0,
+                     *                 0,
+                     *                 0
+                     *               ]
+                     *             },
+                     *             {
+                     *               "quaternion_xyzw": [
+                     *                 0,
+                     *                 0,
+                     *                 0,
+                     *                 1
+                     *               ],
+                     *               "t": 1,
+                     *               "translation_mm": [
+                     *                 0,
+                     *                 -5,
+                     *                 0
+                     *               ]
+                     *             }
+                     *           ]
+                     *         }
+                     *       ],
+                     *       "reports": [
+                     *         {
+                     *           "along": [
+                     *             {
+                     *               "gap_mm": 0.0007,
+                     *               "gap_mm3": 59.4454,
+                     *               "overlap_mm": 0,
+                     *               "overlap_mm3": 7.1528,
+                     *               "t": 0
+                     *             },
+                     *             {
+                     *               "gap_mm": 0.1933,
+                     *               "gap_mm3": 620.151,
+                     *               "overlap_mm": 0,
+                     *               "overlap_mm3": 0.25,
+                     *               "t": 0.1
+                     *             }
+                     *           ],
+                     *           "centroid_displacement_mm": [
+                     *             0,
+                     *             -5,
+                     *             0
+                     *           ],
+                     *           "max_displacement_mm": 5,
+                     *           "path_length_mm": 5,
+                     *           "segment": 1
+                     *         }
+                     *       ],
+                     *       "wall_s": 0.6537,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["PlanView"];
                 };
             };
@@ -6044,6 +11748,74 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "bytes": 7002626,
+                     *       "created_at": "2026-11-28T16:00:14.100Z",
+                     *       "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "jobs": [],
+                     *       "label": "ready mesh",
+                     *       "osteotomies": [],
+                     *       "parts": {
+                     *         "air": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "bone_1": {
+                     *           "bytes": 5056680,
+                     *           "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
+                     *           "state": "ready",
+                     *           "updated_at": "2026-11-28T16:00:14.926Z",
+                     *           "wall_s": 0.7056
+                     *         },
+                     *         "ct": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "field": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "field_settings": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "landmarks": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "mesh": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "skin": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "skull": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "soft_tissue": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "target": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "tissue": {
+                     *           "bytes": 1945946,
+                     *           "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
+                     *           "state": "ready",
+                     *           "updated_at": "2026-11-28T16:00:14.169Z",
+                     *           "wall_s": 0
+                     *         }
+                     *       },
+                     *       "plans": [],
+                     *       "settings": {}
+                     *     }
+                     */
                     "application/json": components["schemas"]["SessionView"];
                 };
             };
@@ -6093,6 +11865,40 @@ export interface operations {
                     "application/ply": string;
                     "model/stl": string;
                     "application/vnd.vtk.vtp": string;
+                    /**
+                     * @example {
+                     *       "area_mm2": 129285.4752,
+                     *       "closed": true,
+                     *       "components": 1,
+                     *       "degenerate_triangles": 0,
+                     *       "duplicate_triangles": 0,
+                     *       "holes": 0,
+                     *       "inconsistent_edges": 0,
+                     *       "max_mm": [
+                     *         74.4984,
+                     *         94.9958,
+                     *         167.9982
+                     *       ],
+                     *       "min_mm": [
+                     *         -74.4984,
+                     *         -112.2528,
+                     *         -62
+                     *       ],
+                     *       "non_manifold_edges": 0,
+                     *       "open_edges": 0,
+                     *       "origin": {
+                     *         "bytes": 8163884,
+                     *         "format": "stl",
+                     *         "kind": "upload",
+                     *         "sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *       },
+                     *       "self_intersections": 0,
+                     *       "triangles": 163276,
+                     *       "vertices": 81640,
+                     *       "volume_mm3": 3783985.8295,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };
@@ -6142,6 +11948,40 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "area_mm2": 129285.4752,
+                     *       "closed": true,
+                     *       "components": 1,
+                     *       "degenerate_triangles": 0,
+                     *       "duplicate_triangles": 0,
+                     *       "holes": 0,
+                     *       "inconsistent_edges": 0,
+                     *       "max_mm": [
+                     *         74.4984,
+                     *         94.9958,
+                     *         167.9982
+                     *       ],
+                     *       "min_mm": [
+                     *         -74.4984,
+                     *         -112.2528,
+                     *         -62
+                     *       ],
+                     *       "non_manifold_edges": 0,
+                     *       "open_edges": 0,
+                     *       "origin": {
+                     *         "bytes": 8163884,
+                     *         "format": "stl",
+                     *         "kind": "upload",
+                     *         "sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *       },
+                     *       "self_intersections": 0,
+                     *       "triangles": 163276,
+                     *       "vertices": 81640,
+                     *       "volume_mm3": 3783985.8295,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };
@@ -6191,6 +12031,40 @@ export interface operations {
                     "application/ply": string;
                     "model/stl": string;
                     "application/vnd.vtk.vtp": string;
+                    /**
+                     * @example {
+                     *       "area_mm2": 165795.7925,
+                     *       "closed": true,
+                     *       "components": 4,
+                     *       "degenerate_triangles": 0,
+                     *       "duplicate_triangles": 0,
+                     *       "holes": 0,
+                     *       "inconsistent_edges": 0,
+                     *       "max_mm": [
+                     *         68.9972,
+                     *         89.9954,
+                     *         162.997
+                     *       ],
+                     *       "min_mm": [
+                     *         -68.9972,
+                     *         -96.6514,
+                     *         -52.8999
+                     *       ],
+                     *       "non_manifold_edges": 0,
+                     *       "open_edges": 0,
+                     *       "origin": {
+                     *         "bytes": 10534484,
+                     *         "format": "stl",
+                     *         "kind": "upload",
+                     *         "sha256": "d4215fa63c26ffe3e12d879b2f695d96fbb94277b21e462608ccb4b237710a0a"
+                     *       },
+                     *       "self_intersections": 0,
+                     *       "triangles": 210688,
+                     *       "vertices": 105350,
+                     *       "volume_mm3": 826565.0473,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };
@@ -6240,6 +12114,40 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "area_mm2": 165795.7925,
+                     *       "closed": true,
+                     *       "components": 4,
+                     *       "degenerate_triangles": 0,
+                     *       "duplicate_triangles": 0,
+                     *       "holes": 0,
+                     *       "inconsistent_edges": 0,
+                     *       "max_mm": [
+                     *         68.9972,
+                     *         89.9954,
+                     *         162.997
+                     *       ],
+                     *       "min_mm": [
+                     *         -68.9972,
+                     *         -96.6514,
+                     *         -52.8999
+                     *       ],
+                     *       "non_manifold_edges": 0,
+                     *       "open_edges": 0,
+                     *       "origin": {
+                     *         "bytes": 10534484,
+                     *         "format": "stl",
+                     *         "kind": "upload",
+                     *         "sha256": "d4215fa63c26ffe3e12d879b2f695d96fbb94277b21e462608ccb4b237710a0a"
+                     *       },
+                     *       "self_intersections": 0,
+                     *       "triangles": 210688,
+                     *       "vertices": 105350,
+                     *       "volume_mm3": 826565.0473,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };
@@ -6289,6 +12197,40 @@ export interface operations {
                     "application/ply": string;
                     "model/stl": string;
                     "application/vnd.vtk.vtp": string;
+                    /**
+                     * @example {
+                     *       "area_mm2": 129285.4752,
+                     *       "closed": true,
+                     *       "components": 1,
+                     *       "degenerate_triangles": 0,
+                     *       "duplicate_triangles": 0,
+                     *       "holes": 0,
+                     *       "inconsistent_edges": 0,
+                     *       "max_mm": [
+                     *         74.4984,
+                     *         94.9958,
+                     *         167.9982
+                     *       ],
+                     *       "min_mm": [
+                     *         -74.4984,
+                     *         -112.2528,
+                     *         -62
+                     *       ],
+                     *       "non_manifold_edges": 0,
+                     *       "open_edges": 0,
+                     *       "origin": {
+                     *         "bytes": 8163884,
+                     *         "format": "stl",
+                     *         "kind": "upload",
+                     *         "sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *       },
+                     *       "self_intersections": 0,
+                     *       "triangles": 163276,
+                     *       "vertices": 81640,
+                     *       "volume_mm3": 3783985.8295,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };
@@ -6338,6 +12280,40 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "area_mm2": 129285.4752,
+                     *       "closed": true,
+                     *       "components": 1,
+                     *       "degenerate_triangles": 0,
+                     *       "duplicate_triangles": 0,
+                     *       "holes": 0,
+                     *       "inconsistent_edges": 0,
+                     *       "max_mm": [
+                     *         74.4984,
+                     *         94.9958,
+                     *         167.9982
+                     *       ],
+                     *       "min_mm": [
+                     *         -74.4984,
+                     *         -112.2528,
+                     *         -62
+                     *       ],
+                     *       "non_manifold_edges": 0,
+                     *       "open_edges": 0,
+                     *       "origin": {
+                     *         "bytes": 8163884,
+                     *         "format": "stl",
+                     *         "kind": "upload",
+                     *         "sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *       },
+                     *       "self_intersections": 0,
+                     *       "triangles": 163276,
+                     *       "vertices": 81640,
+                     *       "volume_mm3": 3783985.8295,
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["SurfaceDocument"];
                 };
             };
@@ -6381,6 +12357,44 @@ export interface operations {
                 content: {
                     "application/vnd.vtk.vtu": string;
                     "application/octet-stream": string;
+                    /**
+                     * @example {
+                     *       "buried_wedges": 0,
+                     *       "bytes": 1945946,
+                     *       "free_nodes": 5780,
+                     *       "gliding_nodes": {
+                     *         "0": 187,
+                     *         "1": 93
+                     *       },
+                     *       "held_nodes": 0,
+                     *       "loaded_nodes": 0,
+                     *       "max_mm": [
+                     *         71.3377,
+                     *         -22.272,
+                     *         95.1909
+                     *       ],
+                     *       "min_mm": [
+                     *         -71.3383,
+                     *         -112.1708,
+                     *         -61.0234
+                     *       ],
+                     *       "nodes": 7937,
+                     *       "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
+                     *       "sliding_nodes": 48,
+                     *       "tetrahedra": 21274,
+                     *       "tied_nodes": {
+                     *         "0": 1822,
+                     *         "1": 7
+                     *       },
+                     *       "tissues": {
+                     *         "fat": 10891,
+                     *         "muscle": 10383,
+                     *         "skin": 3940
+                     *       },
+                     *       "warnings": [],
+                     *       "wedges": 3940
+                     *     }
+                     */
                     "application/json": components["schemas"]["TissueDocument"];
                 };
             };
@@ -6431,6 +12445,44 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "buried_wedges": 0,
+                     *       "bytes": 1945946,
+                     *       "free_nodes": 5780,
+                     *       "gliding_nodes": {
+                     *         "0": 187,
+                     *         "1": 93
+                     *       },
+                     *       "held_nodes": 0,
+                     *       "loaded_nodes": 0,
+                     *       "max_mm": [
+                     *         71.3377,
+                     *         -22.272,
+                     *         95.1909
+                     *       ],
+                     *       "min_mm": [
+                     *         -71.3383,
+                     *         -112.1708,
+                     *         -61.0234
+                     *       ],
+                     *       "nodes": 7937,
+                     *       "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
+                     *       "sliding_nodes": 48,
+                     *       "tetrahedra": 21274,
+                     *       "tied_nodes": {
+                     *         "0": 1822,
+                     *         "1": 7
+                     *       },
+                     *       "tissues": {
+                     *         "fat": 10891,
+                     *         "muscle": 10383,
+                     *         "skin": 3940
+                     *       },
+                     *       "warnings": [],
+                     *       "wedges": 3940
+                     *     }
+                     */
                     "application/json": components["schemas"]["TissueDocument"];
                 };
             };
@@ -6498,6 +12550,32 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "templates": [
+                     *         {
+                     *           "improved_by": [
+                     *             "zygomaxillare_left",
+                     *             "zygomaxillare_right"
+                     *           ],
+                     *           "name": "le_fort_1",
+                     *           "needs": [
+                     *             "le_fort_1_plane",
+                     *             "midline_x_mm",
+                     *             "occlusal_plane_z_mm"
+                     *           ]
+                     *         },
+                     *         {
+                     *           "improved_by": [],
+                     *           "name": "le_fort_2",
+                     *           "needs": [
+                     *             "nasion",
+                     *             "orbitale_left"
+                     *           ]
+                     *         }
+                     *       ]
+                     *     }
+                     */
                     "application/json": components["schemas"]["TemplateList"];
                 };
             };

@@ -1,7 +1,17 @@
 import type { components } from "./openapi.ts";
 
-/** Error document of the service, RFC 9457. */
-export type ProblemDocument = components["schemas"]["ProblemDocument"];
+type KindOf<Type> = Type extends `/problems/${infer Kind}` ? Kind : never;
+
+/** Type of an answer without a document, from a proxy for example. */
+type Blank = "about:blank";
+
+/** Kind of a problem: the name of a section of `api/problems.md`. */
+export type ProblemKind = KindOf<components["schemas"]["ProblemType"]> | Blank;
+
+type Described = components["schemas"]["ProblemDocument"];
+
+/** Error document of the service, RFC 9457; of type `about:blank` where the answer had none. */
+export type ProblemDocument = { [Member in keyof Described]: Member extends "type" ? Described[Member] | Blank : Described[Member] };
 
 /** A value of the request that is not allowed. */
 export type ProblemField = components["schemas"]["ProblemField"];
@@ -10,8 +20,8 @@ export type ProblemField = components["schemas"]["ProblemField"];
 export class Problem extends Error {
   /** HTTP status. */
   readonly status: number;
-  /** Last part of `type`: the name of a section of `api/problems.md`. */
-  readonly kind: string;
+  /** Last part of `type`. */
+  readonly kind: ProblemKind;
   /** Title of this kind of problem. */
   readonly title: string;
   /** What is wrong in this case, and what to do. */
@@ -27,7 +37,7 @@ export class Problem extends Error {
     super(document.detail ? `${document.title}: ${document.detail}` : document.title);
     this.name = "Problem";
     this.status = document.status;
-    this.kind = document.type.split("/").pop() ?? document.type;
+    this.kind = kindOf(document.type);
     this.title = document.title;
     this.detail = document.detail;
     this.faults = document.errors ?? [];
@@ -64,6 +74,10 @@ function documentOf(text: string): ProblemDocument | undefined {
   } catch {
     return undefined;
   }
+}
+
+function kindOf(type: ProblemDocument["type"]): ProblemKind {
+  return type.slice(type.lastIndexOf("/") + 1) as ProblemKind;
 }
 
 function isProblemDocument(value: unknown): value is ProblemDocument {

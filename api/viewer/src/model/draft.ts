@@ -119,19 +119,19 @@ export function withPose(cut: DraftCut, position: Vector3, rotation: Quaternion)
 export function cutDocument(cut: DraftCut, kerfMm: number): CutDocument {
   const { original, centre } = cut;
   const isSawn = original.purpose !== "separation" && original.free_part == null;
-  const document = { ...original, kerf_mm: isSawn ? kerfMm : 0 };
+  const kerf_mm = isSawn ? kerfMm : 0;
   if (original.plane) {
     const direction = new Vector3(1, 0, 0).applyQuaternion(rotationOf(cut)).toArray();
     const [half_length_mm, half_width_mm] = cut.half ?? [0, 0];
     const bounds = cut.half && { direction, half_length_mm, half_width_mm };
-    return { ...document, plane: { ...original.plane, point_mm: centre, normal: normalOf(cut).toArray(), ...(bounds ? { bounds } : {}) } };
+    return { ...original, kerf_mm, plane: { ...original.plane, point_mm: centre, normal: normalOf(cut).toArray(), ...(bounds ? { bounds } : {}) } };
   }
   if (original.polyline) {
     const from = originalCentre(original);
     const points_mm = original.polyline.points_mm.map((point) => point.map((value, i) => value + (centre[i] as number) - (from[i] as number)));
-    return { ...document, polyline: { ...original.polyline, points_mm } };
+    return { ...original, kerf_mm, polyline: { ...original.polyline, points_mm } };
   }
-  return document;
+  return { ...original, kerf_mm };
 }
 
 /** Half extents with which a plane is shown, mm; 1 for the shape of a polyline. */

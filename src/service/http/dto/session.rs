@@ -10,14 +10,27 @@ use prosopon_jobs::ImportRequest;
 use prosopon_session::SessionParts;
 use prosopon_store::{JobKind, JobRecord, JobState, PartKind, PartRecord, SessionRecord};
 
-/// State of one part of a session.
+/// State of a part of a session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PartState {
+    /// Neither stored nor being made.
+    Missing,
+    /// A job makes it.
+    Building,
+    /// Stored.
+    Ready,
+    /// Stored, but its inputs have changed since it was made.
+    Stale,
+    /// A CT whose last import ended without surfaces; the import job gives the reason.
+    Failed,
+}
+
+/// One part of a session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PartView {
-    /// State: `missing`, `building`, `ready`, `stale` or `failed`.
-    ///
-    /// `building` means that a job makes the part, `stale` that its inputs have changed since it was made. `failed` applies to
-    /// a CT whose last import ended without surfaces; the import job gives the reason.
-    pub state: String,
+    /// State of the part.
+    pub state: PartState,
     /// Stored size, bytes.
     pub bytes: u64,
     /// Time that making the part took, s.
@@ -77,7 +90,7 @@ pub struct SessionList {
 impl SessionView {
     /// The view of an empty session.
     pub(in crate::http) fn new(record: &SessionRecord) -> Self {
-        let missing = |kind: &PartKind| (kind.as_str().to_owned(), part_view("missing", None));
+        let missing = |kind: &PartKind| (kind.as_str().to_owned(), part_view(PartState::Missing, None));
         Self {
             id: record.id.uuid(),
             label: record.label.clone(),
@@ -102,9 +115,9 @@ impl SessionView {
     }
 }
 
-fn part_view(state: &str, record: Option<&PartRecord>) -> PartView {
+fn part_view(state: PartState, record: Option<&PartRecord>) -> PartView {
     PartView {
-        state: state.to_owned(),
+        state,
         bytes: record.map_or(0, |r| r.bytes),
         wall_s: record.map(|r| r.wall_s),
         sha256: record.map(|r| r.key.clone()),
@@ -141,11 +154,11 @@ pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[Job
         | PartKind::Bone(_) => false,
     };
     let state = match (building, record.is_some(), stale) {
-        (true, ..) => "building",
-        (false, false, _) => "missing",
-        (false, true, true) => "stale",
-        (false, true, false) if kind == PartKind::Ct && import_failed(record, jobs) => "failed",
-        (false, true, false) => "ready",
+        (true, ..) => PartState::Building,
+        (false, false, _) => PartState::Missing,
+        (false, true, true) => PartState::Stale,
+        (false, true, false) if kind == PartKind::Ct && import_failed(record, jobs) => PartState::Failed,
+        (false, true, false) => PartState::Ready,
     };
     part_view(state, record)
 }

@@ -1,5 +1,7 @@
 //! The OpenAPI document of all routes.
 
+mod choices;
+mod codes;
 mod descriptions;
 mod examples;
 mod lengths;
@@ -64,6 +66,8 @@ pub fn openapi() -> OpenApi {
         components.schemas.values_mut().for_each(descriptions::describe_variants);
         components.schemas.get_mut("ProblemDocument").into_iter().for_each(descriptions::describe_facts);
         components.schemas.iter_mut().for_each(|(name, schema)| lengths::fix_lengths(name, schema));
+        components.schemas.iter_mut().for_each(|(name, schema)| choices::split(name, schema));
+        codes::add(&mut components.schemas);
     }
     let schemas = api.components.clone().unwrap_or_default().schemas;
     for (path, item) in &mut api.paths.paths {
@@ -79,6 +83,7 @@ pub fn openapi() -> OpenApi {
             descriptions::describe_parameters(operation);
             say_binary(operation);
             add_headers(operation);
+            examples::add_answer(operation);
         }
         for (method, operation) in [("PUT", &mut item.put), ("POST", &mut item.post)] {
             operation.iter_mut().for_each(|operation| examples::add_examples(method, path, operation));
@@ -248,6 +253,11 @@ mod tests {
             for (method, operation) in item.as_object().unwrap() {
                 let content = &operation["requestBody"]["content"]["application/json"];
                 assert!(content.is_null() || !content["examples"].as_object().unwrap().is_empty(), "{method} {path}");
+                for (status, answer) in operation["responses"].as_object().unwrap() {
+                    let content = &answer["content"]["application/json"];
+                    let has = content.is_null() || content["example"].is_object();
+                    assert!(has || (path == "/v1/compare" && status == "202"), "{method} {path} {status}");
+                }
             }
         }
         let of = |schema: &str, member: &str| api["components"]["schemas"][schema]["properties"][member].clone();

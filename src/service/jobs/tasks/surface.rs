@@ -1,7 +1,7 @@
 use std::time::Instant;
 
 use crate::Service;
-use prosopon_contract::{Fault, FaultKind, Halt, SurfaceDocument, SurfaceOrigin, import_fault};
+use prosopon_contract::{Fault, FaultKind, Halt, OriginKind, SurfaceDocument, SurfaceOrigin, import_fault};
 use prosopon_formats::import::{ImportError, SurfaceFormat, detect_surface, surface};
 use prosopon_session::{PreparedSurface, surface_part};
 use prosopon_store::{BlobInfo, PartKind, SessionId};
@@ -48,7 +48,7 @@ async fn take(
             let (mesh, warnings) = surface(&bytes, format, &limits).map_err(refused)?;
             drop(bytes);
             let origin =
-                SurfaceOrigin { kind: "upload".to_owned(), format: format.name().to_owned(), bytes: length, sha256 };
+                SurfaceOrigin { kind: OriginKind::Upload, format: format.name().to_owned(), bytes: length, sha256 };
             Ok(PreparedSurface::new(&mesh, origin, warnings)?)
         })
         .await?;

@@ -4,7 +4,7 @@ use super::report::read;
 use super::{Context, Done, changed_meanwhile};
 use crate::requests::ImportRequest;
 use crate::running::Phase;
-use prosopon_contract::{CtDocument, Fault, Halt, SurfaceDocument, SurfaceOrigin, WarningDocument};
+use prosopon_contract::{CtDocument, Fault, Halt, OriginKind, SurfaceDocument, SurfaceOrigin, WarningDocument};
 use prosopon_geometry::Warning;
 use prosopon_planning::surface::CtSettings;
 use prosopon_session::{PreparedSurface, SessionParts, read_part, surface_part};
@@ -91,12 +91,8 @@ async fn make(
     let bytes = context.unless_stopped(read_part(store, ct)).await?;
     let started = Instant::now();
     context.running.set_phase(Phase::Surfaces);
-    let origin = SurfaceOrigin {
-        kind: "ct".to_owned(),
-        format: document.format,
-        bytes: document.bytes,
-        sha256: document.sha256,
-    };
+    let origin =
+        SurfaceOrigin { kind: OriginKind::Ct, format: document.format, bytes: document.bytes, sha256: document.sha256 };
     let (surfaces, soft_tissue, warnings) = context
         .compute(move |engine, control| {
             let found = engine.surfaces(&bytes, &CtSettings::from(&request), control)?;

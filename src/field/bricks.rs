@@ -16,6 +16,8 @@ pub(super) struct Bricks {
     count: u32,
 }
 
+prosopon_geometry::flat!(Bricks { codes, step, edge, count });
+
 impl Bricks {
     /// Makes an empty store; coefficients are rounded to 1/32 767 of `largest` (mm) and clamped to it.
     pub(super) fn new(largest: f64, edge: usize) -> Self {

@@ -85,6 +85,8 @@ pub struct FieldReport {
     pub regions: Vec<RegionsOfKind>,
 }
 
+prosopon_geometry::flat!(FieldReport { bricks, bytes, max_error_mm, rms_error_mm, checked_points, warnings, regions });
+
 impl FieldReport {
     /// Errors of `field` at fixed points within `band` (mm) and on the surface; other entries stay empty.
     ///

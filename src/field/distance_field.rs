@@ -1,6 +1,6 @@
 use super::bricks::{Bricks, NO_BRICK, place};
 use super::lattice::{DETAIL_EDGE, EDGE, Lattice, PARTS};
-use prosopon_geometry::{Aabb, Point};
+use prosopon_geometry::{Aabb, Flat, Point};
 
 /// Signed distance field of a surface as a quadratic B-spline on three nested lattices.
 ///
@@ -27,6 +27,24 @@ pub struct DistanceField {
     pub(super) v3: Option<pulp::x86::V3>,
 }
 
+impl Flat for DistanceField {
+    fn write(&self, to: &mut Vec<u8>) {
+        let Self { lattice, domain: _, coarse, index, bricks, parts, details, .. } = self;
+        lattice.write(to);
+        coarse.write(to);
+        index.write(to);
+        bricks.write(to);
+        parts.write(to);
+        details.write(to);
+    }
+
+    fn read(from: &mut &[u8]) -> Option<Self> {
+        let field = Self::coarse(Flat::read(from)?, Flat::read(from)?, [0.0; 2]);
+        let (index, bricks) = (Flat::read(from)?, Flat::read(from)?);
+        Some(Self { index, bricks, parts: Flat::read(from)?, details: Flat::read(from)?, ..field })
+    }
+}
+
 /// The detail bricks of one brick.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Parts {
@@ -35,6 +53,8 @@ pub(super) struct Parts {
     /// Number of the first detail brick.
     pub(super) first: u32,
 }
+
+prosopon_geometry::flat!(Parts { mask, first });
 
 impl Parts {
     #[inline(always)]

@@ -51,6 +51,8 @@ pub struct Envelope {
     pub regions: Vec<RegionsOfKind>,
 }
 
+prosopon_geometry::flat!(Envelope { grid, surface, warnings, regions });
+
 impl Envelope {
     /// Distance field of the envelope's surface.
     ///

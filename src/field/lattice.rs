@@ -30,6 +30,8 @@ pub(super) struct Lattice {
     pub(super) bricks: [usize; 3],
 }
 
+prosopon_geometry::flat!(Lattice { origin, spacing, per_mm, bricks });
+
 impl Lattice {
     /// Lattice that covers `bounds`.
     ///

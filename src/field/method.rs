@@ -6,7 +6,7 @@ use super::exact::{ExactDistance, is_inside};
 use super::regions::unclear_regions;
 use nalgebra::Matrix3;
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Aabb, Implicit, Point, TriMesh, Vector, Warning};
+use prosopon_geometry::{Aabb, Flat, Implicit, Point, TriMesh, Vector, Warning};
 
 /// How a distance field is built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -138,6 +138,23 @@ pub enum SignedField {
     Octree(Octree),
     /// Bricks of quadratic B-splines.
     Adaptive(DistanceField),
+}
+
+/// Of the methods only [`Method::Adaptive`] can be read again; the others are baselines for comparisons.
+impl Flat for SignedField {
+    fn write(&self, to: &mut Vec<u8>) {
+        match self {
+            Self::Adaptive(field) => {
+                true.write(to);
+                field.write(to);
+            }
+            Self::Uniform(_) | Self::Octree(_) => false.write(to),
+        }
+    }
+
+    fn read(from: &mut &[u8]) -> Option<Self> {
+        if bool::read(from)? { DistanceField::read(from).map(Self::Adaptive) } else { None }
+    }
 }
 
 impl SignedField {

@@ -24,6 +24,8 @@ pub enum RegionKind {
     NoArea,
 }
 
+prosopon_geometry::flat_names!(RegionKind { Open, Inverted, Ambiguous, Buried, Sheet, Copy, NoArea });
+
 /// A connected part of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Region {
@@ -34,6 +36,8 @@ pub struct Region {
     /// Box around it, LPS mm.
     pub bounds: Aabb,
 }
+
+prosopon_geometry::flat!(Region { elements, area_mm2, bounds });
 
 /// All regions of one kind.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,6 +53,8 @@ pub struct RegionsOfKind {
     /// The largest regions by area, at most 50.
     pub largest: Vec<Region>,
 }
+
+prosopon_geometry::flat!(RegionsOfKind { kind, count, elements, area_mm2, largest });
 
 impl RegionsOfKind {
     /// Sums `regions` and keeps the largest.

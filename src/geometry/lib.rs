@@ -7,6 +7,7 @@
 
 mod connectivity;
 pub mod control;
+mod flat;
 mod grid;
 mod implicit;
 mod self_intersection;
@@ -19,6 +20,7 @@ mod volume;
 mod volume_mesh;
 mod warning;
 
+pub use flat::Flat;
 pub use grid::ScalarGrid;
 pub use implicit::Implicit;
 pub use solid::not_solid_reason;

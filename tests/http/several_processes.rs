@@ -97,6 +97,11 @@ async fn another_worker_resumes_a_job_of_a_killed_or_halted_one() {
         assert_eq!((&ended["status"], &ended["attempt"]), (&json!("succeeded"), &json!(3)), "{ended}");
         let resumed = String::from_utf8(third.get("/metrics").body).unwrap();
         assert!(resumed.contains("prosopon_jobs_resumed_total 1"), "{resumed}");
+        let is_built = |kind: &str| {
+            let of_kind = format!("kind=\"{kind}\",outcome=\"miss\"");
+            resumed.lines().any(|line| line.starts_with("prosopon_cache_requests_total") && line.contains(&of_kind))
+        };
+        assert!(!is_built("field") && !is_built("mesh"), "it read what the first worker had stored: {resumed}");
         assert_eq!(rows.count(at_hand), 0);
         let steps: Vec<Value> = api.get_lines(&events).into_iter().filter(|e| e["event"] == "step").collect();
         assert_eq!(steps.len(), 16, "each step is reported once");

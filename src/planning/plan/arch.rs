@@ -12,6 +12,8 @@ pub struct DentalArch {
     pub up: Vector,
 }
 
+prosopon_geometry::flat!(DentalArch { front, up });
+
 impl DentalArch {
     /// The arch on the occlusal plane through `point` with the normal `up`, in front of which the foremost bone of `surfaces`
     /// within a crown's height lies; `None` where there is no bone at the plane.

@@ -42,6 +42,8 @@ pub struct Fields {
     pub warnings: Vec<Warning>,
 }
 
+prosopon_geometry::flat!(Fields { skin, skin_report, bone, bone_field, bone_report, air, warnings });
+
 /// Settings of [`build_fields`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FieldsSettings {

@@ -21,6 +21,8 @@ pub struct Globe {
     pub radius_mm: f64,
 }
 
+prosopon_geometry::flat!(Globe { center, radius_mm });
+
 /// A solid together with globes.
 #[derive(Debug, Clone)]
 pub(super) struct WithGlobes<S> {

@@ -62,6 +62,8 @@ pub struct TissueModel {
     pub parted: Option<PartedSkin>,
 }
 
+prosopon_geometry::flat!(TissueModel { mesh, report, embedding, arch, slit, globes, parted });
+
 impl TissueModel {
     /// The skin that moves with the tissue: the user's, or that cut along the slit.
     ///

@@ -13,6 +13,7 @@ mod frame;
 mod health;
 mod heartbeat;
 mod janitor;
+mod kept;
 mod lease;
 mod memory;
 mod order;
@@ -39,6 +40,7 @@ pub use cpu_pool::{CpuPool, Panicked};
 pub use feed::EventFeed;
 pub use frame::SkinFrame;
 pub use janitor::Scrubbed;
+pub use kept::{case_of, is_kept};
 pub use order::Order;
 pub use requests::{
     CompareTask, EarlierSolve, FieldTask, Given, ImportRequest, MeshChoice, MeshTask, SceneTask, SolveTask,

@@ -1,6 +1,6 @@
 use std::fmt::Debug;
 
-use super::{Case, Run, SceneRun, TissueRequest};
+use super::{Case, Kept, Run, SceneRun, TissueRequest};
 use prosopon_contract::{Cuts, Halt, Solid};
 use prosopon_field::{CheckedDistance, FieldReport};
 use prosopon_geometry::control::Control;
@@ -34,7 +34,7 @@ pub struct SceneSolved {
 
 /// The numerics behind the service.
 ///
-/// Every method but [`Engine::has_tissue`] is a function of its arguments: an implementation may cache results and rebuilds identical ones. All methods
+/// Every method but [`Engine::has`] and [`Engine::bytes_of`] is a function of its arguments: an implementation may cache results and rebuilds identical ones. All methods
 /// compute for long and must run on the CPU pool.
 pub trait Engine: Debug + Send + Sync {
     /// Extracts skin, skull, air and soft tissue from a CT file.
@@ -108,8 +108,14 @@ pub trait Engine: Debug + Send + Sync {
     /// [`Halt`].
     fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt>;
 
-    /// Whether the tissue mesh is at hand, so that nothing need be built.
-    fn has_tissue(&self, request: &TissueRequest) -> bool;
+    /// Whether the result is in memory, so that nothing need be built.
+    fn has(&self, kept: Kept, key: &str) -> bool;
+
+    /// The result as bytes for [`Self::recall`]; `None` when it is not in memory, or is of a kind that is not kept.
+    fn bytes_of(&self, kept: Kept, key: &str) -> Option<Vec<u8>>;
+
+    /// Takes a result that [`Self::bytes_of`] the same program gave; false for bytes of another one.
+    fn recall(&self, kept: Kept, key: &str, bytes: &[u8]) -> bool;
 
     /// The skin at rest that a solve moves: that of the case, or where lips part, with its triangles cut along the mouth.
     ///

@@ -2,14 +2,15 @@ use std::fmt;
 use std::sync::Arc;
 
 use super::clinical::{clinical_of, moved_bones};
+use super::kept;
 use super::keys::bone_key;
 use super::path_solve::{PathSolve, Ready, solve_path};
 use super::recent::Recent;
 use super::scene::{bone_fields, solve_scene};
 use super::tissue_file::tissue_file;
-use super::{Case, Engine, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest};
+use super::{Case, Engine, Kept, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest};
 use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid, import_fault};
-use prosopon_field::{CheckedDistance, Envelope, ExactDistance, FieldReport, envelope};
+use prosopon_field::{CheckedDistance, Envelope, ExactDistance, FieldReport, SignedField, envelope};
 use prosopon_formats::import::{self, Limits};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Motion, Point, TriMesh, Vector, Warning};
@@ -64,12 +65,12 @@ impl Numerics {
             return Ok(found);
         }
         let built = envelope(&case.anatomy.skull, &case.fields.envelope, control).map_err(SimulateError::from)?;
-        Ok(self.keep_envelope(case, Arc::new(built)))
+        Ok(self.keep_envelope(&case.key, Arc::new(built)))
     }
 
-    fn keep_envelope(&self, case: &Case, built: Arc<Envelope>) -> Arc<Envelope> {
+    fn keep_envelope(&self, key: &str, built: Arc<Envelope>) -> Arc<Envelope> {
         let bytes = surface_bytes(&built.surface);
-        self.recent.put(ENVELOPES, &case.key, Arc::clone(&built), bytes);
+        self.recent.put(ENVELOPES, key, Arc::clone(&built), bytes);
         built
     }
 
@@ -78,12 +79,17 @@ impl Numerics {
             return Ok(found);
         }
         let known = self.recent.get(ENVELOPES, &case.key);
-        let built = Arc::new(simulate::build_fields_around(&case.anatomy, known, &case.fields, control)?);
-        self.keep_envelope(case, Arc::clone(&built.bone));
+        let built = simulate::build_fields_around(&case.anatomy, known, &case.fields, control)?;
+        Ok(self.keep_fields(&case.key, built))
+    }
+
+    fn keep_fields(&self, key: &str, built: Fields) -> Arc<Fields> {
+        let built = Arc::new(built);
+        self.keep_envelope(key, Arc::clone(&built.bone));
         let of_fields = [Some(&built.skin), Some(&built.bone_field), built.air.as_ref()];
         let bytes = of_fields.into_iter().flatten().map(|f| f.bytes() as u64).sum::<u64>();
-        self.recent.put(FIELDS, &case.key, Arc::clone(&built), bytes);
-        Ok(built)
+        self.recent.put(FIELDS, key, Arc::clone(&built), bytes);
+        built
     }
 
     /// The cuts of the templates of a request, and all of its cuts: those of its templates, then its own.
@@ -137,10 +143,14 @@ impl Numerics {
         };
         let control = control.stage(0.4, 1.0);
         let built = simulate::build_tissue(&case.anatomy, &fields, bone.as_deref(), &request.settings, &control)?;
+        Ok(self.keep_tissue(&request.key, built))
+    }
+
+    fn keep_tissue(&self, key: &str, built: TissueModel) -> Arc<TissueModel> {
         let built = Arc::new(built);
         let bytes = built.report.nodes as u64 * MESH_BYTES;
-        self.recent.put(TISSUES, &request.key, Arc::clone(&built), bytes);
-        Ok(built)
+        self.recent.put(TISSUES, key, Arc::clone(&built), bytes);
+        built
     }
 }
 
@@ -291,8 +301,29 @@ impl Engine for Numerics {
         Ok(self.tissue_of(case, request, control)?.report.clone())
     }
 
-    fn has_tissue(&self, request: &TissueRequest) -> bool {
-        self.recent.contains(TISSUES, &request.key)
+    fn has(&self, kept: Kept, key: &str) -> bool {
+        let kind = match kept {
+            Kept::Fields => FIELDS,
+            Kept::Tissue => TISSUES,
+        };
+        self.recent.contains(kind, key)
+    }
+
+    fn bytes_of(&self, kept: Kept, key: &str) -> Option<Vec<u8>> {
+        match kept {
+            Kept::Fields => {
+                let fields: Arc<Fields> = self.recent.get(FIELDS, key)?;
+                matches!(fields.bone_field, SignedField::Adaptive(_)).then(|| kept::to_bytes(&*fields))?
+            }
+            Kept::Tissue => self.recent.get::<TissueModel>(TISSUES, key).and_then(|tissue| kept::to_bytes(&*tissue)),
+        }
+    }
+
+    fn recall(&self, kept: Kept, key: &str, bytes: &[u8]) -> bool {
+        match kept {
+            Kept::Fields => kept::from_bytes(bytes).map(|fields| drop(self.keep_fields(key, fields))).is_some(),
+            Kept::Tissue => kept::from_bytes(bytes).map(|tissue| drop(self.keep_tissue(key, tissue))).is_some(),
+        }
     }
 
     fn skin(&self, run: &Run, control: &Control) -> Result<TriMesh, Halt> {
@@ -304,7 +335,7 @@ impl Engine for Numerics {
 
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
         // Measured on a head: rebuilding field and mesh takes about as long as a quarter of the path.
-        let shares = if self.has_tissue(&run.tissue) { [0.0, 0.02, 0.03] } else { [0.1, 0.15, 0.25] };
+        let shares = if self.has(Kept::Tissue, &run.tissue.key) { [0.0, 0.02, 0.03] } else { [0.1, 0.15, 0.25] };
         watch.stage("field");
         self.fields_of(&run.case, &control.stage(0.0, shares[0]))?;
         watch.stage("cut");

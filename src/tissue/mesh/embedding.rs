@@ -12,6 +12,8 @@ pub struct Embedding {
     pub anchors: Vec<Option<(u32, [f64; 3])>>,
 }
 
+prosopon_geometry::flat!(Embedding { anchors });
+
 /// Finds the closest point of the prisms' outer triangles for every vertex of `skin`.
 /// Vertices farther than `reach_mm` have no anchor. Of equally near triangles the first prism is used.
 #[must_use]

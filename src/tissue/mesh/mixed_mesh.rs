@@ -1,4 +1,4 @@
-use prosopon_geometry::Point;
+use prosopon_geometry::{Flat, Point};
 
 /// Tissue of an element, numbered as in the cell array `tissue` of VTU files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -15,6 +15,8 @@ pub enum Tissue {
     /// Cartilage of the nose.
     Cartilage = 4,
 }
+
+prosopon_geometry::flat_names!(Tissue { Skin, Muscle, Fat, Mucosa, Cartilage });
 
 impl Tissue {
     /// Number of tissues.
@@ -50,6 +52,30 @@ pub enum Attachment {
     Fixed,
 }
 
+impl Flat for Attachment {
+    fn write(&self, to: &mut Vec<u8>) {
+        let (code, segment): (u8, u32) = match self {
+            Self::Free => (0, 0),
+            Self::Sliding => (1, 0),
+            Self::Tied(segment) => (2, *segment),
+            Self::Gliding(segment) => (3, *segment),
+            Self::Fixed => (4, 0),
+        };
+        (code, segment).write(to);
+    }
+
+    fn read(from: &mut &[u8]) -> Option<Self> {
+        match <(u8, u32)>::read(from)? {
+            (0, _) => Some(Self::Free),
+            (1, _) => Some(Self::Sliding),
+            (2, segment) => Some(Self::Tied(segment)),
+            (3, segment) => Some(Self::Gliding(segment)),
+            (4, _) => Some(Self::Fixed),
+            (5.., _) => None,
+        }
+    }
+}
+
 impl Attachment {
     /// Number used in files: -1 free, 0 skull or fixed, k segment k, -2 sliding, -3 - k gliding on segment k.
     #[must_use]
@@ -70,6 +96,8 @@ pub struct Facing {
     /// Boundary triangles of each part, counter-clockwise seen from outside the tissue.
     pub sides: [Vec<[u32; 3]>; 2],
 }
+
+prosopon_geometry::flat!(Facing { sides });
 
 /// Prisms and tetrahedra of one face at rest.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,6 +127,18 @@ pub struct MixedMesh {
     /// Parts of the surface that may touch each other; empty where no slit is cut.
     pub facing: Vec<Facing>,
 }
+
+prosopon_geometry::flat!(MixedMesh {
+    positions,
+    tetrahedra,
+    tetrahedron_tissue,
+    prisms,
+    prism_tissue,
+    bone_faces,
+    attachment,
+    depth_cut_nodes,
+    facing,
+});
 
 impl MixedMesh {
     /// Tissue of prism `prism`.

@@ -41,6 +41,23 @@ pub struct MeshReport {
     pub warnings: Vec<Warning>,
 }
 
+prosopon_geometry::flat!(MeshReport {
+    tetrahedra,
+    prisms,
+    nodes,
+    inverted,
+    min_dihedral_deg,
+    max_dihedral_deg,
+    min_scaled_jacobian,
+    volume_error,
+    max_skin_distance_mm,
+    nonmanifold_edges,
+    muscle_share,
+    cartilage,
+    tissue_from_ct,
+    warnings,
+});
+
 /// Measures the quality of a mixed mesh.
 ///
 /// The errors of volume and skin distance need the domain and the mesh's settings in `filled`; without them they are 0. The

@@ -19,7 +19,7 @@ use prosopon_planning::plan::{
 };
 use prosopon_planning::simulate::{Attached, Frame, LeftOut, Outcome, RegionMotion, SimulateError};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
-use prosopon_session::{Case, Engine, Numerics, Run, RunWatch, SceneRun, SceneSolved, TissueRequest};
+use prosopon_session::{Case, Engine, Kept, Numerics, Run, RunWatch, SceneRun, SceneSolved, TissueRequest};
 use prosopon_tissue::fem::{SolveSettings, StartState, StepOutcome, StepReport};
 use prosopon_tissue::mesh::MeshReport;
 
@@ -154,7 +154,15 @@ impl Engine for StandIn {
         })
     }
 
-    fn has_tissue(&self, _: &TissueRequest) -> bool {
+    fn has(&self, _: Kept, _: &str) -> bool {
+        false
+    }
+
+    fn bytes_of(&self, _: Kept, _: &str) -> Option<Vec<u8>> {
+        None
+    }
+
+    fn recall(&self, _: Kept, _: &str, _: &[u8]) -> bool {
         false
     }
 

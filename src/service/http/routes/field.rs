@@ -10,7 +10,7 @@ use crate::http::dto::{FieldView, JobView, PointQuery, PointValues, SliceQuery, 
 use crate::http::extract::{Body, CreateBody, Ids, Params};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{FieldSettingsDocument, to_json};
-use prosopon_jobs::{FieldTask, field_slice};
+use prosopon_jobs::{FieldTask, case_of, field_slice};
 use prosopon_session::SessionParts;
 use prosopon_store::{JobFilter, JobKind, PartKind, PartRecord, SessionId};
 
@@ -85,7 +85,7 @@ pub(in crate::http) async fn slice(
     let (solid, axis, offset_mm) = query.check()?;
     let parts = SessionParts::load(state.service.store(), session).await?;
     parts.require_field()?;
-    let case = parts.case(state.service.store()).await?;
+    let case = case_of(&state.service, &parts).await?;
     let png = field_slice(&state.service, case, solid, axis, offset_mm).await?;
     Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response())
 }
@@ -103,7 +103,7 @@ pub(in crate::http) async fn query(
     let (solid, points) = request.check()?;
     let parts = SessionParts::load(state.service.store(), session).await?;
     parts.require_field()?;
-    let case = parts.case(state.service.store()).await?;
+    let case = case_of(&state.service, &parts).await?;
     let values = state.service.compute(move |engine, control| engine.nearest(&case, solid, &points, control)).await?;
     Ok(Json(PointValues {
         distances_mm: values.iter().map(|v| v.distance).collect(),

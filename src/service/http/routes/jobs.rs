@@ -119,8 +119,7 @@ pub(in crate::http) async fn create(
     let (osteotomy, bone) = current_osteotomy(&state, &parts, session, osteotomy, "/plan").await?;
     let mut mesh = mesh_of(&state, &parts, session, osteotomy.id, &bone.cuts, mesh_job).await?;
     let content = plans::content(plan)?;
-    let engine = state.service.engine().as_ref();
-    let budget = keep_budget(engine, &parts, &mut request, &mut mesh, &content, given)?;
+    let budget = keep_budget(&state.service, &parts, &mut request, &mut mesh, &content, given)?;
     let reference_job = request.reference_job.map(JobId::from);
     if let Some(id) = reference_job {
         check_reference(&state, &principal, id, plan, &bone.cuts).await?;

@@ -1,6 +1,7 @@
 //! What simple predictions would score on the points of an error map.
 
 use crate::Service;
+use crate::kept::case_of;
 use crate::requests::SolveTask;
 use prosopon_contract::{BaselinesDocument, Fault, Halt, stored_cuts};
 use prosopon_geometry::control::Control;
@@ -41,7 +42,7 @@ pub(crate) async fn bone_below(
     }
     let cuts = stored_cuts(&request.cuts)?;
     let motions = request.plan.plan().map_err(|e| Fault::from(Halt::from(e)))?.motions(t);
-    Ok(Ok(Box::new(BoneBelow { case: parts.case(&service.store).await?, cuts, motions })))
+    Ok(Ok(Box::new(BoneBelow { case: case_of(service, parts).await?, cuts, motions })))
 }
 
 /// A prediction with its error map, for the baselines.

@@ -1,6 +1,7 @@
 use std::time::Instant;
 
 use crate::Service;
+use crate::kept::case_of;
 use prosopon_contract::{Cuts, Fault, Halt, OsteotomyDocument, PlanDocument, to_json};
 use prosopon_geometry::Warning;
 use prosopon_geometry::control::Control;
@@ -20,7 +21,7 @@ pub async fn cut_bone(
     label: Option<String>,
 ) -> Result<(OsteotomyRecord, OsteotomyDocument), Fault> {
     parts.require_nested()?;
-    let case = parts.case(&service.store).await?;
+    let case = case_of(service, parts).await?;
     let field_key = case.key.clone();
     let templates: Vec<String> = cuts.templates.iter().map(|t| t.template.name().to_owned()).collect();
     let from_template = cuts.cuts.is_empty().then_some("/templates");
@@ -65,7 +66,7 @@ pub async fn place_cuts(
     cuts: Cuts,
 ) -> Result<(Vec<Cut>, Vec<Warning>), Fault> {
     parts.require_nested()?;
-    let case = parts.case(&service.store).await?;
+    let case = case_of(service, parts).await?;
     service.compute(move |engine, control| engine.place(&case, &cuts, control)).await
 }
 
@@ -90,7 +91,7 @@ pub async fn make_plan(
     plan: Plan,
     label: Option<String>,
 ) -> Result<PlanDocument, Fault> {
-    let case = parts.case(&service.store).await?;
+    let case = case_of(service, parts).await?;
     let started = Instant::now();
     service
         .compute(move |engine, control| {
@@ -111,7 +112,7 @@ pub async fn measure_plan(
     cuts: Vec<Cut>,
     plan: PlanDocument,
 ) -> Result<PlanDocument, Fault> {
-    let case = parts.case(&service.store).await?;
+    let case = case_of(service, parts).await?;
     service
         .compute(move |engine, control| measured(engine, &case, &cuts, plan, control))
         .await

@@ -5,7 +5,8 @@ use crate::requests::MeshTask;
 use crate::running::Phase;
 use prosopon_contract::{D1ReadingName, Halt, MeshDocument, PresetName, to_json};
 use prosopon_geometry::Warning;
-use prosopon_store::PartKind;
+use prosopon_session::Kept;
+use prosopon_store::{PartKind, PartRecord};
 use prosopon_tissue::mesh::Tissue;
 
 /// Stability warnings that a solve on this mesh would have.
@@ -25,12 +26,19 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let case = context.case(&parts).await?;
     let started = Instant::now();
     context.running.set_phase(Phase::Mesh);
-    let built = context.compute(move |engine, control| engine.tissue(&case, &tissue, control)).await;
-    let mut report = built.map_err(|halt| context.cuts_of(request.osteotomy_id, "/osteotomy", halt))?;
+    let built = context
+        .compute(move |engine, control| {
+            let built = engine.tissue(&case, &tissue, control)?;
+            Ok((built, engine.bytes_of(Kept::Tissue, &tissue.key)))
+        })
+        .await;
+    let (mut report, kept) = built.map_err(|halt| context.cuts_of(request.osteotomy_id, "/osteotomy", halt))?;
     report.warnings.extend(unstable(request.preset));
     let wall_s = started.elapsed().as_secs_f64();
     let osteotomy = request.osteotomy_id.map(|id| id.to_string());
     let document = MeshDocument { cuts: request.cuts, ..MeshDocument::new(request.settings, osteotomy, &report) };
-    context.put_document(PartKind::Mesh, request.key, wall_s, to_json("the document of the job", &document)?).await?;
+    let document = to_json("the document of the job", &document)?;
+    let stored = PartRecord { key: request.key, wall_s, ..PartRecord::of_document(PartKind::Mesh, document) };
+    context.put_derived(Kept::Tissue, stored, kept).await?;
     Ok(Done { warnings: report.warnings.into_iter().map(Into::into).collect(), ..Done::default() })
 }

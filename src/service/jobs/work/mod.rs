@@ -21,11 +21,12 @@ use serde::de::DeserializeOwned;
 
 use super::Service;
 use super::events::panicked;
+use super::kept::{case_of, part_of};
 use super::running::Running;
 use prosopon_contract::{Fault, FaultKind, Halt, WarningDocument, from_json};
 use prosopon_geometry::control::Control;
-use prosopon_session::{Case, Engine, SessionParts};
-use prosopon_store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartKind, PartRecord, StepRecord, now_rfc3339};
+use prosopon_session::{Case, Engine, Kept, SessionParts};
+use prosopon_store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartRecord, StepRecord};
 
 /// Share of a job's progress that the computation takes; the rest is writing the results.
 const COMPUTING: f64 = 0.99;
@@ -118,12 +119,12 @@ impl Context {
 
     /// The patient case for the numerics; a damaged part that comes from the session's CT is made again.
     async fn case(&self, parts: &SessionParts) -> Result<Case, Halt> {
-        let damaged = match self.unless_stopped(parts.case(&self.service.store)).await {
+        let damaged = match self.unless_stopped(case_of(&self.service, parts)).await {
             Err(Halt::Fault(fault)) if fault.kind == FaultKind::DamagedValue => fault,
             read => return read,
         };
         match import::again(self, parts, &damaged).await? {
-            Some(parts) => self.unless_stopped(parts.case(&self.service.store)).await,
+            Some(parts) => self.unless_stopped(case_of(&self.service, &parts)).await,
             None => Err(Halt::Fault(damaged)),
         }
     }
@@ -154,10 +155,38 @@ impl Context {
     }
 
     /// Stores a derived part without a blob.
-    async fn put_document(&self, kind: PartKind, key: String, wall_s: f64, document: String) -> Result<(), Halt> {
-        let bytes = document.len() as u64;
-        let part = PartRecord { kind, key, blob: None, bytes, wall_s, document, updated_at: now_rfc3339() };
-        Ok(self.service.persist(|| self.service.store.put_parts(self.job.session, std::slice::from_ref(&part))).await?)
+    /// Stores the report of a derived part, with the part itself as `kept`, so that it need not be built again.
+    ///
+    /// Where there is no room for the part, the report is stored alone.
+    async fn put_derived(&self, of: Kept, report: PartRecord, kept: Option<Vec<u8>>) -> Result<(), Halt> {
+        let store = |part: PartRecord| async move {
+            let parts = [part];
+            self.service.persist(|| self.service.store.put_parts(self.job.session, &parts)).await
+        };
+        let blob = match kept {
+            Some(bytes) => self.put(bytes).await.map(Some),
+            None => Ok(None),
+        };
+        let whole = match blob {
+            Ok(Some(blob)) => {
+                let bytes = report.bytes + blob.bytes;
+                store(PartRecord { blob: Some(blob.key), bytes, ..report.clone() }).await.map_err(Halt::from)
+            }
+            Ok(None) => return Ok(store(report).await?),
+            Err(halt) => Err(halt),
+        };
+        match whole {
+            Err(Halt::Fault(fault)) if matches!(fault.kind, FaultKind::QuotaFull | FaultKind::StorageFull) => {
+                let part = part_of(of).as_str();
+                tracing::warn!(
+                    part,
+                    detail = fault.detail,
+                    "there is no room to keep a result; it will be built again"
+                );
+                Ok(store(report).await?)
+            }
+            other => other,
+        }
     }
 }
 

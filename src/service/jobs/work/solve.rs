@@ -10,6 +10,7 @@ use super::report::{Ingredients, compile};
 use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
 use super::steps::{checkpoint, write_steps};
 use super::{Context, Done, changed_meanwhile, scene};
+use crate::kept::recall;
 use crate::requests::{MeshChoice, SolveKind, SolveTask};
 use crate::running::Phase;
 use crate::tasks::measured;
@@ -21,7 +22,7 @@ use prosopon_geometry::Warning;
 use prosopon_planning::evaluate::Clinical;
 use prosopon_planning::simulate::Outcome;
 use prosopon_planning::simulate::budget::COARSER;
-use prosopon_session::{Run, SessionParts, key_of};
+use prosopon_session::{Kept, Run, SessionParts, key_of};
 use prosopon_store::{PartKind, encode_mesh};
 use prosopon_tissue::mesh::MeshReport;
 
@@ -58,6 +59,7 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     }
     let store = &context.service.store;
     let case = context.case(&parts).await?;
+    recall(&context.service, &parts, Kept::Tissue, &tissue.key).await;
     let reference = context.unless_stopped(Reference::load(context, &parts, &request)).await?;
     let settings = request.settings(&case.anatomy.skull)?;
     let after = request.warm_start.as_ref().map(|before| before.earlier()).transpose()?.map(Box::new);
@@ -69,7 +71,7 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     let run = Run { case, cuts, tissue, plan, settings, after, checkpoint: goes_on };
     let (run, rest, beforehand) = context
         .compute(move |engine, control| {
-            let (was_built, begin) = (engine.has_tissue(&run.tissue), Instant::now());
+            let (was_built, begin) = (engine.has(Kept::Tissue, &run.tissue.key), Instant::now());
             let rest = encode_mesh(&engine.skin(&run, &control.without_progress())?);
             Ok((run, rest, Beforehand { was_built, mesh_s: begin.elapsed().as_secs_f64() }))
         })

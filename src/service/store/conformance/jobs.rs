@@ -77,6 +77,23 @@ async fn a_job_waits_a_little_for_the_worker_that_knows_its_session(store: Store
     assert_eq!(by(None).await, Some(fifth), "who has no name takes what is first");
 }
 
+/// A claim looks at the first jobs of a tenant only, as long as it may take one of these.
+async fn a_job_behind_many_that_are_left_to_another_worker_is_found(store: Store) {
+    let (known, new) = (add_session(&store, "a").await.id, add_session(&store, "a").await.id);
+    let (own, other) = (Some(WorkerId::new()), Some(WorkerId::new()));
+    let by = async |worker| claim_by(&store, Lane::Heavy, worker).await.map(|job| job.id);
+    let first = accept(&store, known, "0").await;
+    assert_eq!(by(own).await, Some(first));
+    let begun = Instant::now();
+    for n in 1..=20 {
+        accept(&store, known, &n.to_string()).await;
+    }
+    let last = accept(&store, new, "21").await;
+    let claimed = by(other).await;
+    // On a slow machine the head start of the first ones is over by now.
+    assert!(claimed == Some(last) || begun.elapsed() >= Claim::HEAD_START, "{claimed:?} instead of {last}");
+}
+
 async fn a_worker_takes_first_what_it_knows_but_nobody_waits_for_ever(store: Store) {
     let known = add_session(&store, "a").await.id;
     let (own, other) = (Some(WorkerId::new()), Some(WorkerId::new()));
@@ -411,6 +428,7 @@ conforms! {
     the_queue_is_bounded_in_all_and_by_tenant,
     tenants_take_turns,
     a_job_waits_a_little_for_the_worker_that_knows_its_session,
+    a_job_behind_many_that_are_left_to_another_worker_is_found,
     a_worker_takes_first_what_it_knows_but_nobody_waits_for_ever,
     a_newer_job_takes_the_place_of_waiting_ones,
     a_job_is_continued_by_another_in_the_change_that_ends_it,

@@ -2,7 +2,7 @@
 //!
 //! They run on SQLite with files and on Postgres with a bucket.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::*;
 

@@ -8,8 +8,20 @@ pub(super) type Db = sqlx::Postgres;
 pub(super) const FOR_CHANGE: &str = "FOR NO KEY UPDATE";
 /// Ends a query that also locks its rows against new references to them.
 pub(super) const FOR_REMOVAL: &str = "FOR UPDATE";
-/// Ends a query for the first job (`j`) that no concurrent claim has locked.
-pub(super) const FOR_CLAIM: &str = "FOR UPDATE OF j SKIP LOCKED";
+/// Ends a query for a job that leaves one out which another claim has locked.
+pub(super) const FOR_CLAIM: &str = "FOR UPDATE SKIP LOCKED";
+/// Tables to look for a claim in, before all jobs: the first 16 of each tenant in lane `$1`, found by the index `jobs_in_line`.
+///
+/// Only where all of these are taken, or left to other workers, does a claim look at all that wait.
+pub(super) const HEADS_OF_LINES: &[&str] = &["(WITH RECURSIVE tenants AS (
+        (SELECT n.tenant FROM jobs n WHERE n.state = 'accepted' AND n.cancel_requested_at IS NULL AND n.lane = $1
+         ORDER BY n.tenant LIMIT 1)
+        UNION ALL
+        SELECT (SELECT n.tenant FROM jobs n WHERE n.state = 'accepted' AND n.cancel_requested_at IS NULL AND n.lane = $1
+                AND n.tenant > t.tenant ORDER BY n.tenant LIMIT 1) FROM tenants t WHERE t.tenant IS NOT NULL)
+    SELECT h.* FROM tenants t CROSS JOIN LATERAL (
+        SELECT n.* FROM jobs n WHERE n.state = 'accepted' AND n.cancel_requested_at IS NULL AND n.lane = $1
+        AND n.tenant = t.tenant ORDER BY n.number LIMIT 16) AS h)"];
 /// Begins a read transaction on one snapshot.
 pub(super) const SNAPSHOT: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY";
 /// The strings of the JSON list `$1`.

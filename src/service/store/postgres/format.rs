@@ -16,6 +16,7 @@ const MIGRATIONS: &[(&str, &str)] = &[
     ("sealed values", include_str!("5_sealed_values.sql")),
     ("continued jobs", include_str!("6_continued_jobs.sql")),
     ("signed links", include_str!("7_signed_links.sql")),
+    ("line", include_str!("8_line.sql")),
 ];
 
 /// Postgres error code: a table that a script creates exists already.

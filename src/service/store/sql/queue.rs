@@ -3,26 +3,30 @@ use std::time::Duration;
 use sqlx::AssertSqlSafe;
 
 use super::answers::remember;
-use super::dialect::{FOR_CHANGE, FOR_CLAIM, NEXT_TURN, NOW_MS, hold_queue};
+use super::dialect::{FOR_CHANGE, FOR_CLAIM, HEADS_OF_LINES, NEXT_TURN, NOW_MS, hold_queue};
 use super::{Connection, Pool, Result, Transaction, jobs, new_job, sessions};
 use crate::records::{parse_id, to_i64};
 use crate::{Claim, Insertion, JobChange, JobId, JobRecord, Lane, NewJob, SupersedeScope};
 
-/// SQL for the waiting jobs `w` of lane `$1` in claiming order.
+/// SQL for the waiting jobs `w` of lane `$1` that stand in `line`, a table.
 ///
 /// The first round has the first job of each tenant, the second round the second job, and so on. Within a round, jobs with a
-/// lower `rank` come first, then those of the tenant whose last turn is longest ago. `rank` is an expression of the job `j`;
-/// `open` is appended to the FROM clause.
-fn waiting(rank: &str, open: &str) -> String {
+/// lower `rank` come first, then those of the tenant whose last turn is longest ago. `rank` is an expression of the job `j`.
+fn waiting(rank: &str, line: &str) -> String {
     format!(
-        "SELECT w.id FROM (
-             SELECT j.*, row_number() OVER (PARTITION BY j.tenant ORDER BY j.rank, j.number) AS round, coalesce(t.last, 0) AS last
-             FROM (SELECT j.id, j.number, j.tenant, j.lane, {rank} AS rank FROM jobs j
-                   WHERE j.state = 'accepted' AND j.lane = $1 AND j.cancel_requested_at IS NULL) AS j
-             LEFT JOIN turns t ON t.tenant = j.tenant AND t.lane = j.lane
-         ) AS w {open} ORDER BY w.round, w.rank, w.last, w.number"
+        "(SELECT j.*, row_number() OVER (PARTITION BY j.tenant ORDER BY j.rank, j.number) AS round, coalesce(t.last, 0) AS last
+          FROM (SELECT j.id, j.number, j.tenant, j.lane, {rank} AS rank FROM {line} j
+                WHERE j.state = 'accepted' AND j.lane = $1 AND j.cancel_requested_at IS NULL) AS j
+          LEFT JOIN turns t ON t.tenant = j.tenant AND t.lane = j.lane) AS w"
     )
 }
+
+/// Puts the jobs of [`waiting`] into claiming order.
+const IN_ORDER: &str = "ORDER BY w.round, w.rank, w.last, w.number";
+/// The table of all jobs.
+const ALL: &str = "jobs";
+/// Largest number of jobs that a claim tries to lock: more than there are workers at once.
+const TRIES: u32 = 64;
 
 /// SQL for the rank of the job `j` for worker `$2`.
 ///
@@ -130,7 +134,8 @@ async fn supersede(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Resul
 
 /// Ids of the waiting jobs of a lane, in claiming order.
 async fn ids_in_order(connection: &mut Connection, lane: Lane) -> Result<Vec<String>> {
-    let ids = sqlx::query_scalar(AssertSqlSafe(waiting("0", "")));
+    let ids = format!("SELECT w.id FROM {} {IN_ORDER}", waiting("0", ALL));
+    let ids = sqlx::query_scalar(AssertSqlSafe(ids));
     Ok(ids.bind(lane.as_str()).fetch_all(connection).await?)
 }
 
@@ -145,29 +150,45 @@ pub(super) async fn claim(
     change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
 ) -> Result<Option<JobRecord>> {
     let mut transaction = writer.begin().await?;
-    // A job that was claimed after the list was made is in another state, so the state is checked again.
-    let open = "JOIN jobs j ON j.id = w.id WHERE j.state = 'accepted' AND j.cancel_requested_at IS NULL AND w.rank < 2";
-    let first = format!("{} LIMIT 1 {FOR_CLAIM}", waiting(&rank(), open));
-    let worker = claim.worker.map(|w| w.to_string());
-    let first = sqlx::query_scalar(AssertSqlSafe(first)).bind(claim.lane.as_str());
-    let first = first.bind(&worker).bind(milliseconds(Claim::HEAD_START)).bind(milliseconds(claim.patience));
-    let first: Option<String> = first.fetch_optional(&mut *transaction).await?;
-    let Some(id) = first else { return Ok(None) };
-    let id: JobId = parse_id(&id)?;
-    let Some(job) = jobs::held(&mut transaction, id).await? else { return Ok(None) };
+    let Some(job) = first_open(&mut transaction, claim).await? else { return Ok(None) };
     jobs::write_change(&mut transaction, &job, claim.to, &change(&job)).await?;
-    let own = format!("UPDATE jobs SET fence = fence + 1, lease_until = {NOW_MS} + $2, worker = $3 WHERE id = $1");
-    let own = sqlx::query(AssertSqlSafe(own)).bind(id.to_string()).bind(milliseconds(claim.lease)).bind(worker);
-    own.execute(&mut *transaction).await?;
     let turn = format!(
         "INSERT INTO turns (tenant, lane, last) VALUES ($1, $2, {NEXT_TURN})
          ON CONFLICT (tenant, lane) DO UPDATE SET last = excluded.last"
     );
     let turn = sqlx::query(AssertSqlSafe(turn)).bind(job.tenant.as_str()).bind(claim.lane.as_str());
     turn.execute(&mut *transaction).await?;
-    let claimed = jobs::held(&mut transaction, id).await?;
+    let own = format!(
+        "UPDATE jobs SET fence = fence + 1, lease_until = {NOW_MS} + $2, worker = $3 WHERE id = $1 RETURNING *"
+    );
+    let own = sqlx::query(AssertSqlSafe(own)).bind(job.id.to_string()).bind(milliseconds(claim.lease));
+    let own = own.bind(claim.worker.map(|w| w.to_string())).fetch_one(&mut *transaction).await?;
+    let claimed = jobs::record(&own)?;
     transaction.commit().await?;
-    Ok(claimed)
+    Ok(Some(claimed))
+}
+
+/// Locks the first job that may be claimed.
+async fn first_open(transaction: &mut Transaction<'_>, claim: &Claim) -> Result<Option<JobRecord>> {
+    // Another claim may have taken a job after the list was made, or be about to. One query for both would depend on the
+    // database's statistics, which a queue outruns.
+    let open = format!(
+        "SELECT * FROM jobs WHERE number = $1 AND state = 'accepted' AND cancel_requested_at IS NULL {FOR_CLAIM}"
+    );
+    for line in HEADS_OF_LINES.iter().chain(&[ALL]) {
+        let numbers =
+            format!("SELECT w.number FROM {} WHERE w.rank < 2 {IN_ORDER} LIMIT {TRIES}", waiting(&rank(), line));
+        let numbers = sqlx::query_scalar(AssertSqlSafe(numbers)).bind(claim.lane.as_str());
+        let numbers = numbers.bind(claim.worker.map(|w| w.to_string())).bind(milliseconds(Claim::HEAD_START));
+        let numbers: Vec<i64> = numbers.bind(milliseconds(claim.patience)).fetch_all(&mut **transaction).await?;
+        for number in numbers {
+            let job = sqlx::query(AssertSqlSafe(open.as_str())).bind(number);
+            if let Some(row) = job.fetch_optional(&mut **transaction).await? {
+                return jobs::record(&row).map(Some);
+            }
+        }
+    }
+    Ok(None)
 }
 
 pub(super) fn milliseconds(time: Duration) -> i64 {

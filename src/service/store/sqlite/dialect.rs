@@ -8,8 +8,10 @@ pub(super) type Db = sqlx::Sqlite;
 pub(super) const FOR_CHANGE: &str = "";
 /// Ends a query that also locks its rows against new references to them.
 pub(super) const FOR_REMOVAL: &str = "";
-/// Ends a query for the first job (`j`) that no concurrent claim has locked.
+/// Ends a query for a job that leaves one out which another claim has locked.
 pub(super) const FOR_CLAIM: &str = "";
+/// Tables to look for a claim in, before all jobs: none, since one process has few jobs and no round trips.
+pub(super) const HEADS_OF_LINES: &[&str] = &[];
 /// Begins a read transaction on one snapshot.
 pub(super) const SNAPSHOT: &str = "BEGIN";
 /// The strings of the JSON list `$1`.

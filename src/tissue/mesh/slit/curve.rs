@@ -10,6 +10,8 @@ pub struct SlitKnot {
     pub back_y: f64,
 }
 
+prosopon_geometry::flat!(SlitKnot { front, back_y });
+
 /// Why a curve is no slit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SlitError {
@@ -65,6 +67,8 @@ pub struct Slit {
     backs: Curve,
     fronts: Curve,
 }
+
+prosopon_geometry::flat!(Slit { knots, heights, backs, fronts });
 
 impl Slit {
     /// The slit through knots from the right commissure to the left one, or from left to right.
@@ -151,6 +155,8 @@ struct Curve {
     points: Vec<[f64; 2]>,
     slopes: Vec<f64>,
 }
+
+prosopon_geometry::flat!(Curve { points, slopes });
 
 impl Curve {
     /// Through at least two points with rising x.

@@ -17,6 +17,8 @@ pub struct PartedSkin {
     pub upper: Vec<bool>,
 }
 
+prosopon_geometry::flat!(PartedSkin { skin, own, upper });
+
 /// Cuts the triangles of `skin` that cross `slit`; `None` when there are none.
 #[must_use]
 pub fn part_skin(skin: &TriMesh, slit: &Slit) -> Option<PartedSkin> {

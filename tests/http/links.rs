@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::{Method, StatusCode};
+use prosopon_service::http::auth::Access;
 use prosopon_store::Audit;
 use serde_json::{Value, json};
 
@@ -65,6 +66,12 @@ async fn a_link_reads_its_one_answer_without_a_token() {
     let deleted = call(&app, &a, Method::DELETE, &session, Value::Null).await;
     assert_eq!(deleted.status, StatusCode::NO_CONTENT);
     app.get(&url).await.problem(410, "gone");
+
+    // Links end with the key that made them.
+    let Access::Tokens(authenticator) = &app.state.access else { panic!("the service has keys") };
+    authenticator.set_keys(Vec::new());
+    let refused = app.get(&url).await.problem(401, "unauthenticated");
+    assert!(refused["detail"].as_str().unwrap().contains("the key that made the link was removed"), "{refused}");
 }
 
 #[tokio::test]

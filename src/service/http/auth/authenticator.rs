@@ -64,15 +64,21 @@ impl Authenticator {
         }
     }
 
-    /// Whether an `Authorization` header has one of the API keys.
-    pub(super) fn has_key(&self, authorization: &str) -> bool {
-        bearer(authorization).is_some_and(|token| self.by_key(token).is_ok())
+    /// Whether the API key with this mark is still configured.
+    pub(super) fn has_key(&self, mark: &str) -> bool {
+        let keys = self.keys.read().unwrap_or_else(PoisonError::into_inner);
+        keys.values().any(|key| key.mark() == mark)
     }
 
     fn by_key(&self, token: &str) -> Result<Principal, Fault> {
         let keys = self.keys.read().unwrap_or_else(PoisonError::into_inner);
         let key = keys.get(&hash_of(token)).ok_or_else(|| unknown("the bearer token is not trusted", "no such key"))?;
-        Ok(Principal { tenant: key.tenant.clone(), who: format!("key:{}", key.id), scopes: key.scopes.clone() })
+        Ok(Principal {
+            tenant: key.tenant.clone(),
+            who: format!("key:{}", key.id),
+            scopes: key.scopes.clone(),
+            key: Some(key.mark().to_owned()),
+        })
     }
 }
 

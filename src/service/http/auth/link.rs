@@ -33,6 +33,8 @@ pub struct Links {
 pub(in crate::http) struct CheckedLink {
     pub(in crate::http) uri: Uri,
     pub(in crate::http) name: String,
+    /// Mark of the API key that made the link; `None` if another sender did.
+    pub(in crate::http) maker: Option<String>,
 }
 
 /// A link and its name in the audit log.
@@ -43,7 +45,7 @@ pub(in crate::http) struct NewLink {
 }
 
 impl Links {
-    /// Signs `target`, a path with its query, until `expires`.
+    /// Signs `target`, a path with its query, until `expires`, for the sender whose API key has the mark `maker`.
     ///
     /// # Errors
     /// The store's.
@@ -52,12 +54,13 @@ impl Links {
         store: &Store,
         target: &str,
         expires: OffsetDateTime,
+        maker: Option<&str>,
     ) -> Result<NewLink, Fault> {
-        let expires = expires.unix_timestamp();
-        let signature = hmac::sign(self.key(store).await?, message(expires, target).as_bytes());
+        let (expires, maker) = (expires.unix_timestamp(), maker.unwrap_or_default());
+        let signature = hmac::sign(self.key(store).await?, message(expires, maker, target).as_bytes());
         let signature = URL_SAFE_NO_PAD.encode(signature);
         let joint = if target.contains('?') { '&' } else { '?' };
-        let url = format!("{target}{joint}{PARAMETER}{expires}.{signature}");
+        let url = format!("{target}{joint}{PARAMETER}{expires}.{maker}.{signature}");
         Ok(NewLink { url, name: name_of(&signature) })
     }
 
@@ -66,11 +69,11 @@ impl Links {
     /// # Errors
     /// [`FaultKind::Unauthenticated`] for a link that was changed or has expired; the store's.
     pub(in crate::http) async fn check(&self, store: &Store, uri: &Uri) -> Result<Option<CheckedLink>, Fault> {
-        let Some((target, expires, signature)) = parts(uri) else { return Ok(None) };
+        let Some((target, expires, maker, signature)) = parts(uri) else { return Ok(None) };
         let key = self.key(store).await?;
         let is_signed = URL_SAFE_NO_PAD
             .decode(signature)
-            .is_ok_and(|tag| hmac::verify(key, message(expires, &target).as_bytes(), &tag).is_ok());
+            .is_ok_and(|tag| hmac::verify(key, message(expires, maker, &target).as_bytes(), &tag).is_ok());
         let refused = |detail: &str| Err(Fault::new(FaultKind::Unauthenticated, detail));
         if !is_signed {
             return refused(
@@ -81,7 +84,8 @@ impl Links {
             return refused("the link has expired; ask for a new one with POST /v1/links");
         }
         let uri = target.parse().map_err(|_| Fault::new(FaultKind::MalformedRequest, "the link cannot be read"))?;
-        Ok(Some(CheckedLink { uri, name: name_of(signature) }))
+        let maker = (!maker.is_empty()).then(|| maker.to_owned());
+        Ok(Some(CheckedLink { uri, name: name_of(signature), maker }))
     }
 
     async fn key(&self, store: &Store) -> Result<&hmac::Key, Fault> {
@@ -94,19 +98,20 @@ impl Links {
     }
 }
 
-/// Path and query without the signature, the end of validity (s since 1970) and the signature.
-fn parts(uri: &Uri) -> Option<(String, i64, &str)> {
+/// Path and query without the signature, the end of validity (s since 1970), the maker and the signature.
+fn parts(uri: &Uri) -> Option<(String, i64, &str, &str)> {
     let (others, link) = match uri.query()?.rsplit_once('&') {
         Some((others, last)) => (Some(others), last),
         None => (None, uri.query()?),
     };
-    let (expires, signature) = link.strip_prefix(PARAMETER)?.split_once('.')?;
+    let (expires, rest) = link.strip_prefix(PARAMETER)?.split_once('.')?;
+    let (maker, signature) = rest.split_once('.')?;
     let target = others.map_or_else(|| uri.path().to_owned(), |others| format!("{}?{others}", uri.path()));
-    Some((target, expires.parse().ok()?, signature))
+    Some((target, expires.parse().ok()?, maker, signature))
 }
 
-fn message(expires: i64, target: &str) -> String {
-    format!("GET {expires} {target}")
+fn message(expires: i64, maker: &str, target: &str) -> String {
+    format!("GET {expires} {maker} {target}")
 }
 
 fn name_of(signature: &str) -> String {
@@ -119,10 +124,11 @@ mod tests {
 
     #[test]
     fn the_signature_is_the_last_parameter() {
-        let of = |uri: &str| parts(&uri.parse().unwrap()).map(|(target, expires, s)| (target, expires, s.to_owned()));
-        assert_eq!(of("/a?link=7.sig"), Some(("/a".to_owned(), 7, "sig".to_owned())));
-        assert_eq!(of("/a?b=c&link=7.sig"), Some(("/a?b=c".to_owned(), 7, "sig".to_owned())));
-        assert_eq!(of("/a?link=7.sig&b=c"), None);
+        let of = |uri: &str| parts(&uri.parse().unwrap()).map(|(target, t, m, s)| format!("{target} {t} {m} {s}"));
+        assert_eq!(of("/a?link=7.key.sig"), Some("/a 7 key sig".to_owned()));
+        assert_eq!(of("/a?b=c&link=7..sig"), Some("/a?b=c 7  sig".to_owned()));
+        assert_eq!(of("/a?link=7.key.sig&b=c"), None);
+        assert_eq!(of("/a?link=7.sig"), None);
         assert_eq!(of("/a?link=sig"), None);
         assert_eq!(of("/a"), None);
     }

@@ -30,15 +30,18 @@ pub enum Access {
 const LOOK_FOR_REVOCATION: std::time::Duration = std::time::Duration::from_secs(2);
 
 impl Access {
-    /// Waits until the API key in this `Authorization` header is removed; forever for any other sender.
-    pub(super) async fn until_revoked(self, authorization: Option<String>) {
-        let (Self::Tokens(authenticator), Some(authorization)) = (self, authorization) else {
-            return std::future::pending().await;
-        };
-        if !authenticator.has_key(&authorization) {
-            return std::future::pending().await;
+    /// Whether the API key with this mark was removed.
+    pub(super) fn has_revoked(&self, key: &str) -> bool {
+        match self {
+            Self::Open => false,
+            Self::Tokens(authenticator) => !authenticator.has_key(key),
         }
-        while authenticator.has_key(&authorization) {
+    }
+
+    /// Waits until the API key of a sender is removed; forever for a sender without one.
+    pub(super) async fn until_revoked(self, sender: Principal) {
+        let Some(key) = sender.key else { return std::future::pending().await };
+        while !self.has_revoked(&key) {
             tokio::time::sleep(LOOK_FOR_REVOCATION).await;
         }
     }

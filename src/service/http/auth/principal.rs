@@ -92,13 +92,15 @@ pub struct Principal {
     pub who: String,
     /// Scopes of the sender.
     pub scopes: Scopes,
+    /// Mark of the API key that the sender has, or that made the sender's link; `None` for others.
+    pub key: Option<String>,
 }
 
 impl Principal {
     /// The sender of every request to a service without authentication.
     #[must_use]
     pub fn local() -> Self {
-        Self { tenant: TenantId::local(), who: "local".to_owned(), scopes: Scopes::all() }
+        Self { tenant: TenantId::local(), who: "local".to_owned(), scopes: Scopes::all(), key: None }
     }
 }
 

@@ -126,6 +126,10 @@ async fn admit_by_link(
     if !method.is_safe() {
         return Err(Fault::new(FaultKind::Forbidden, "a link allows nothing but GET; send a bearer token"));
     }
+    if link.maker.as_deref().is_some_and(|key| state.access.has_revoked(key)) {
+        let detail = "the key that made the link was removed; ask for a new link with POST /v1/links";
+        return Err(Fault::new(FaultKind::Unauthenticated, detail));
+    }
     let owner = match id {
         Some((_, id)) => state.service.store().owner(id).await?,
         None => None,
@@ -133,6 +137,7 @@ async fn admit_by_link(
     let reader = Principal {
         who: format!("{LINK}{}", link.name),
         scopes: std::iter::once(Scope::Read).collect(),
+        key: link.maker.clone(),
         ..Principal::local()
     };
     Ok(match owner {

@@ -10,6 +10,7 @@ use axum::response::{IntoResponse, Response};
 use futures::{Stream, StreamExt, stream};
 use uuid::Uuid;
 
+use crate::http::auth::Principal;
 use crate::http::dto::{JobEventLine, SentEvent, render_event};
 use crate::http::extract::Ids;
 use crate::http::{AppState, Problem};
@@ -47,6 +48,7 @@ enum StreamItem {
 pub(in crate::http) async fn events(
     State(state): State<AppState>,
     Ids(id): Ids<JobId>,
+    sender: Principal,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let events = EventFeed::open(Arc::clone(&state.service), id, last_event_id(&headers)?).await?;
@@ -54,8 +56,7 @@ pub(in crate::http) async fn events(
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let has_report = state.service.job(id).await?.kind == JobKind::Solve;
-    let authorization = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).map(str::to_owned);
-    let revoked = Box::pin(state.access.clone().until_revoked(authorization));
+    let revoked = Box::pin(state.access.clone().until_revoked(sender));
     let heartbeat = state.limits.heartbeat;
     if headers.get(header::ACCEPT).is_some_and(|a| a == "application/x-ndjson") {
         let lines = stream_items(events, Some(heartbeat))

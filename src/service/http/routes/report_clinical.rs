@@ -44,6 +44,19 @@ pub(super) struct Clinical {
     notes: Vec<String>,
 }
 
+/// What joined lips mean for the lower one.
+fn joined_lips(c: &ClinicalDocument) -> String {
+    let rim = c.soft_points.iter().find(|p| p.name == "stomion_inferius");
+    let moves = rim.map_or_else(String::new, |p| {
+        let by_mm = p.forward_mm.hypot(p.down_mm).hypot(p.left_mm);
+        format!(": its rim moves by {by_mm:.1} mm")
+    });
+    format!(
+        "The lips are joined in this prediction, so each follows the other. The lower one is not to be relied on where only the upper \
+         jaw moves{moves}. A mesh with mouth \"auto\" lets them part."
+    )
+}
+
 pub(super) fn clinical(c: &ClinicalDocument) -> Clinical {
     let soft = c.soft_points.iter().map(|p| {
         let ratio = c.ratios.iter().find(|r| r.soft == p.name).and_then(ratio);
@@ -58,9 +71,9 @@ pub(super) fn clinical(c: &ClinicalDocument) -> Clinical {
     ];
     let is_proposed = c.soft_points.iter().chain(&c.hard_points).any(|p| p.proposed);
     let notes = [
-        (is_proposed, "* The program found this point. Check it before you rely on its movement."),
-        (c.midline_proposed, "The program found the midline."),
-        (c.mouth_sealed, "The lips cannot part in this prediction: its skin is one sheet across the mouth."),
+        is_proposed.then(|| "* The program found this point. Check it before you rely on its movement.".to_owned()),
+        c.midline_proposed.then(|| "The program found the midline.".to_owned()),
+        c.mouth_sealed.then(|| joined_lips(c)),
     ];
     Clinical {
         soft: Table::new(
@@ -72,7 +85,7 @@ pub(super) fn clinical(c: &ClinicalDocument) -> Clinical {
         hard: Table::new("Bone and teeth, mm", &["point", "forward / back", "down / up", "left / right"], hard),
         angles: Table::new("Angles and lips", &["measure", "before", "after", "change"], angles.into_iter().flatten()),
         profile: profile_drawing(c).ok().map(|svg| data_uri("image/svg+xml", svg.as_bytes())),
-        notes: notes.into_iter().filter(|(holds, _)| *holds).map(|(_, note)| note.to_owned()).collect(),
+        notes: notes.into_iter().flatten().collect(),
     }
 }
 

@@ -182,12 +182,14 @@ impl BudgetDocument {
             }
             // Without a limit of time the choice would be more accurate.
             Grounds::ErrorOutOfReach if choice.alternatives.iter().any(|a| a.error_mm < choice.chosen.error_mm) => {
-                "no setting that ends in time is expected to be this accurate in 95 % of scenes: the most accurate one"
+                "no setting that ends in time is expected to be this accurate in 95 % of scenes; this is the most accurate one"
             }
             Grounds::ErrorOutOfReach => {
-                "no setting that the request allows is expected to be this accurate in 95 % of scenes: the most accurate one"
+                "no setting that the request allows is expected to be this accurate in 95 % of scenes; this is the most accurate one"
             }
-            Grounds::TimeOutOfReach => "no setting is expected to end in time in 95 % of scenes: the fastest one",
+            Grounds::TimeOutOfReach => {
+                "no setting is expected to end in time in 95 % of scenes; this is the fastest one"
+            }
         };
         Self {
             asked,

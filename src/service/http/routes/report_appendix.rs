@@ -47,9 +47,15 @@ fn parameters(r: &ReportDocument) -> Vec<Vec<String>> {
     let mut rows = vec![vec!["model".to_owned(), r.model.clone()]];
     for (name, value) in r.parameters.as_object().into_iter().flatten() {
         let text = if name == "cuts" { cut_names(value) } else { setting(value) };
-        rows.extend(text.map(|text| vec![name.clone(), text]));
+        rows.extend(text.map(|text| vec![words_of(name), text]));
     }
     rows
+}
+
+/// The name of a setting for readers: `depth_mm` is "depth, mm".
+fn words_of(name: &str) -> String {
+    let (words, unit) = name.strip_suffix("_mm").map_or((name, ""), |words| (words, ", mm"));
+    format!("{}{unit}", words.replace('_', " "))
 }
 
 /// A setting as text; `None` for null and for empty lists and objects.
@@ -214,6 +220,7 @@ mod tests {
     fn settings_without_a_value_are_left_out() {
         assert_eq!([json!(null), json!({}), json!([])].map(|v| setting(&v)), [None, None, None]);
         assert_eq!(setting(&json!("tet")).as_deref(), Some("tet"));
+        assert_eq!(words_of("leave_out_below_mm"), "leave out below, mm");
         assert_eq!(setting(&json!(true)).as_deref(), Some("yes"));
         assert_eq!(setting(&json!(0.03)).as_deref(), Some("0.03"));
         assert_eq!(cut_names(&json!([{"name": "le_fort_1"}, {}])).as_deref(), Some("le fort 1, cut 1"));

@@ -1,5 +1,7 @@
 //! The part of the report's page about named points of skin, bone and teeth.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use super::report_pictures::data_uri;
@@ -105,11 +107,15 @@ fn ratio(r: &SoftToHardDocument) -> Option<String> {
 
 /// What the ratios are, and why some are missing.
 fn ratio_notes(c: &ClinicalDocument) -> Vec<String> {
-    let missing = c.ratios.iter().filter(|r| r.ratio.is_none()).map(|r| {
-        let reason = r.reason.as_deref().unwrap_or("not known");
+    let mut by_reason: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+    for r in c.ratios.iter().filter(|r| r.ratio.is_none()) {
         let hard = r.hard.as_deref().map(|hard| format!(" to {}", word(hard))).unwrap_or_default();
-        sentence(&format!("no ratio of {}{hard}: {reason}", word(&r.soft)))
-    });
+        by_reason
+            .entry(r.reason.as_deref().unwrap_or("not known"))
+            .or_default()
+            .push(format!("{}{hard}", word(&r.soft)));
+    }
+    let missing = by_reason.iter().map(|(reason, of)| sentence(&format!("no ratio of {}: {reason}", of.join(", "))));
     let meaning = "Ratio: movement of the soft point along that of the bone or tooth below it, as a share of it.";
     let meaning = (!c.ratios.is_empty()).then(|| meaning.to_owned());
     meaning.into_iter().chain(missing).collect()

@@ -38,7 +38,7 @@ async fn a_report_names_points_ratios_and_the_profile_and_draws_them() {
         "A point *",
         "<td>1.00 of A point</td>",
         "nasolabial angle</th><td>100.0°</td><td>92.5°</td><td>-7.5°",
-        "The lips cannot part",
+        "The lips are joined in this prediction",
     ] {
         assert!(text.contains(part), "{part}");
     }

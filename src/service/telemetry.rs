@@ -1,6 +1,5 @@
 //! Logs, metrics and traces of the process.
 
-#[cfg(feature = "otlp")]
 mod otlp;
 
 use std::io::IsTerminal;
@@ -31,7 +30,6 @@ pub fn start_log(level: &str) {
 /// # Errors
 /// Fails if the exporter of spans cannot be built.
 pub fn start(config: &ServeConfig) -> std::io::Result<Traces> {
-    #[cfg(feature = "otlp")]
     if let Some(endpoint) = &config.otlp_endpoint {
         let provider = otlp::provider(endpoint)?;
         install(&config.log_level, config.log_format, Some(Box::new(otlp::layer(&provider))));
@@ -44,11 +42,9 @@ pub fn start(config: &ServeConfig) -> std::io::Result<Traces> {
 /// Guard of the span exporter; dropping it sends the last spans.
 #[derive(Debug, Default)]
 pub struct Traces {
-    #[cfg(feature = "otlp")]
     provider: Option<opentelemetry_sdk::trace::SdkTracerProvider>,
 }
 
-#[cfg(feature = "otlp")]
 impl Drop for Traces {
     fn drop(&mut self) {
         if let Some(Err(error)) = self.provider.as_ref().map(|provider| provider.shutdown()) {

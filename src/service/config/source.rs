@@ -28,10 +28,8 @@ impl Source {
         if let Some(file) = file {
             figment = figment.merge(Toml::file_exact(file));
         }
-        if cfg!(feature = "otlp") {
-            let standard = Env::raw().only(&["OTEL_EXPORTER_OTLP_ENDPOINT"]);
-            figment = figment.join(standard.map(|_| "otlp.endpoint".into()));
-        }
+        let standard = Env::raw().only(&["OTEL_EXPORTER_OTLP_ENDPOINT"]);
+        figment = figment.join(standard.map(|_| "otlp.endpoint".into()));
         figment = figment.merge(Env::prefixed("PROSOPON_").split("__").ignore(&NO_SETTINGS));
         for (path, value) in flags {
             figment = figment.merge(Serialized::default(path, value));

@@ -42,8 +42,8 @@ pub(crate) async fn recall(service: &Service, parts: &SessionParts, kept: Kept, 
         }
     };
     let (engine, key) = (Arc::clone(&service.engine), key.to_owned());
-    let taken = tokio::task::spawn_blocking(move || engine.recall(kept, &key, &bytes)).await;
-    tracing::debug!(kind, taken = taken.unwrap_or_default(), "stored result read");
+    let taken = service.cpu.run_request(move || engine.recall(kept, &key, &bytes)).await;
+    tracing::debug!(kind, taken = taken.unwrap_or(false), "a stored result was read");
 }
 
 /// The patient case for the numerics, with its fields if they are stored.

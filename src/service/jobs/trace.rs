@@ -1,8 +1,10 @@
 //! Trace context: from a request's header to its span, and on to the job that a worker begins later.
-//!
-//! Without the feature `otlp` no spans are exported, and the functions here do nothing.
 
+use opentelemetry::Context;
+use opentelemetry::propagation::TextMapPropagator;
+use opentelemetry_sdk::propagation::TraceContextPropagator;
 use tracing::Span;
+use tracing_opentelemetry::OpenTelemetrySpanExt;
 
 /// Name of the W3C Trace Context header.
 pub const TRACEPARENT: &str = "traceparent";
@@ -10,12 +12,7 @@ pub const TRACEPARENT: &str = "traceparent";
 /// Makes a span that was not entered yet part of the trace in `traceparent`.
 ///
 /// Invalid values are ignored.
-#[cfg(feature = "otlp")]
 pub fn continue_from(span: &Span, traceparent: &str) {
-    use opentelemetry::Context;
-    use opentelemetry::propagation::TextMapPropagator;
-    use opentelemetry_sdk::propagation::TraceContextPropagator;
-    use tracing_opentelemetry::OpenTelemetrySpanExt;
     let Ok(value) = traceparent.parse() else { return };
     let headers = [(http::HeaderName::from_static(TRACEPARENT), value)].into_iter().collect();
     let carrier = opentelemetry_http::HeaderExtractor(&headers);
@@ -25,25 +22,10 @@ pub fn continue_from(span: &Span, traceparent: &str) {
 }
 
 /// The `traceparent` value for work that a span starts; `None` when no spans are exported.
-#[cfg(feature = "otlp")]
 #[must_use]
 pub fn traceparent(span: &Span) -> Option<String> {
-    use opentelemetry::propagation::TextMapPropagator;
-    use opentelemetry_sdk::propagation::TraceContextPropagator;
-    use tracing_opentelemetry::OpenTelemetrySpanExt;
     let mut headers = http::HeaderMap::new();
     TraceContextPropagator::new()
         .inject_context(&span.context(), &mut opentelemetry_http::HeaderInjector(&mut headers));
     Some(headers.get(TRACEPARENT)?.to_str().ok()?.to_owned())
-}
-
-/// Does nothing: without the feature `otlp` no spans are exported.
-#[cfg(not(feature = "otlp"))]
-pub fn continue_from(_: &Span, _: &str) {}
-
-/// Does nothing: without the feature `otlp` no spans are exported.
-#[cfg(not(feature = "otlp"))]
-#[must_use]
-pub fn traceparent(_: &Span) -> Option<String> {
-    None
 }

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use super::Service;
 use prosopon_contract::Fault;
-use prosopon_session::{Case, Kept, SessionParts, read_part};
+use prosopon_session::{Case, Kept, SessionParts};
 use prosopon_store::{PartKind, PartRecord};
 
 /// The part that holds the stored form of a result.
-pub(crate) fn part_of(kept: Kept) -> PartKind {
+fn part_of(kept: Kept) -> PartKind {
     match kept {
         Kept::Fields => PartKind::Field,
         Kept::Tissue => PartKind::Mesh,
@@ -27,19 +27,21 @@ pub fn is_kept(service: &Service, parts: &SessionParts, kept: Kept, key: &str) -
 
 /// Reads the stored result under `key` into memory, unless it is there.
 ///
-/// One that cannot be read, or that another program wrote, is built again when it is needed, with the same bits that this program
-/// would have stored.
+/// One that cannot be read, or that another program wrote, is built again when it is needed.
 pub(crate) async fn recall(service: &Service, parts: &SessionParts, kept: Kept, key: &str) {
     if service.engine.has(kept, key) {
         return;
     }
     let Some(part) = stored(parts, kept, key) else { return };
+    // One at a time: it takes a second, and several times the memory of the result.
+    let _alone = service.recalling.lock().await;
+    if service.engine.has(kept, key) {
+        return;
+    }
     let kind = part.kind.as_str();
-    let bytes = match read_part(&service.store, part).await {
+    let bytes = match service.store.blobs().get(part.blob.as_deref().unwrap_or_default()).await {
         Ok(bytes) => bytes,
-        Err(Fault { detail, .. }) => {
-            return tracing::warn!(kind, detail, "a stored result cannot be read and will be built again");
-        }
+        Err(error) => return tracing::warn!(kind, %error, "a stored result cannot be read and will be built again"),
     };
     let (engine, key) = (Arc::clone(&service.engine), key.to_owned());
     let taken = service.cpu.run_request(move || engine.recall(kept, &key, &bytes)).await;

@@ -36,6 +36,8 @@ pub struct Service {
     /// Workers that claim no job because the bucket refuses them.
     pub(super) refused: Mutex<Vec<Worker>>,
     pub(super) tasks: Mutex<Vec<JoinHandle<()>>>,
+    /// Held while a stored result is read.
+    pub(super) recalling: tokio::sync::Mutex<()>,
 }
 
 impl Service {

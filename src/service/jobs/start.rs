@@ -40,6 +40,7 @@ impl Service {
             beats: Heartbeats::new(workers.clone()),
             refused: Mutex::default(),
             tasks: Mutex::default(),
+            recalling: tokio::sync::Mutex::default(),
         });
         service.store.keep_free(service.settings.min_free);
         service.check_audit_end().await?;

@@ -33,20 +33,24 @@ fn program() -> Option<&'static Program> {
     PROGRAM.get_or_init(|| read().and_then(hash)).as_ref()
 }
 
-/// The bytes of a result: the hash of the program, then the compressed result; `None` where the program has no hash.
-pub(super) fn to_bytes<T: Flat>(result: &T) -> Option<Vec<u8>> {
+/// The bytes of a result: the hash of the program, then, compressed, its kind, its key and itself; `None` where the program has no
+/// hash.
+pub(super) fn to_bytes<T: Flat>(kept: Kept, key: &str, result: &T) -> Option<Vec<u8>> {
     let (mut bytes, mut flat) = (program()?.to_vec(), Vec::new());
+    (kept as u8).write(&mut flat);
+    key.to_owned().write(&mut flat);
     result.write(&mut flat);
     // The fields of a head take half the room then, and a fifth of a second.
     zstd::stream::copy_encode(flat.as_slice(), &mut bytes, LEVEL).ok()?;
     Some(bytes)
 }
 
-/// The result that this program wrote; `None` for bytes of another one, or others.
-pub(super) fn from_bytes<T: Flat>(bytes: &[u8]) -> Option<T> {
+/// The result that this program wrote under `key`; `None` for other bytes.
+pub(super) fn from_bytes<T: Flat>(kept: Kept, key: &str, bytes: &[u8]) -> Option<T> {
     let flat = zstd::stream::decode_all(bytes.strip_prefix(program()?.as_slice())?).ok()?;
     let mut rest = flat.as_slice();
-    T::read(&mut rest).filter(|_| rest.is_empty())
+    let is_it = u8::read(&mut rest)? == kept as u8 && String::read(&mut rest)? == key;
+    T::read(&mut rest).filter(|_| is_it && rest.is_empty())
 }
 
 #[cfg(test)]
@@ -104,13 +108,16 @@ mod tests {
     }
 
     #[test]
-    fn only_whole_bytes_of_this_program_are_read() {
-        let bytes = to_bytes(&vec![1.5, -2.0]).unwrap();
-        assert_eq!(from_bytes::<Vec<f64>>(&bytes), Some(vec![1.5, -2.0]));
-        assert_eq!(from_bytes::<Vec<f64>>(&bytes[..bytes.len() - 1]), None);
-        assert_eq!(from_bytes::<Vec<f64>>(&[&bytes[..], &[0]].concat()), None);
+    fn only_whole_bytes_of_this_program_and_key_are_read() {
+        let bytes = to_bytes(Kept::Fields, "a", &vec![1.5, -2.0]).unwrap();
+        let read = |bytes: &[u8]| from_bytes::<Vec<f64>>(Kept::Fields, "a", bytes);
+        assert_eq!(read(&bytes), Some(vec![1.5, -2.0]));
+        assert_eq!(read(&bytes[..bytes.len() - 1]), None);
+        assert_eq!(read(&[&bytes[..], &[0]].concat()), None);
+        assert_eq!(from_bytes::<Vec<f64>>(Kept::Fields, "b", &bytes), None);
+        assert_eq!(from_bytes::<Vec<f64>>(Kept::Tissue, "a", &bytes), None);
         let mut of_another = bytes;
         of_another[0] ^= 1;
-        assert_eq!(from_bytes::<Vec<f64>>(&of_another), None);
+        assert_eq!(read(&of_another), None);
     }
 }

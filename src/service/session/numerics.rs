@@ -313,16 +313,22 @@ impl Engine for Numerics {
         match kept {
             Kept::Fields => {
                 let fields: Arc<Fields> = self.recent.get(FIELDS, key)?;
-                matches!(fields.bone_field, SignedField::Adaptive(_)).then(|| kept::to_bytes(&*fields))?
+                matches!(fields.bone_field, SignedField::Adaptive(_)).then(|| kept::to_bytes(kept, key, &*fields))?
             }
-            Kept::Tissue => self.recent.get::<TissueModel>(TISSUES, key).and_then(|tissue| kept::to_bytes(&*tissue)),
+            Kept::Tissue => {
+                self.recent.get::<TissueModel>(TISSUES, key).and_then(|tissue| kept::to_bytes(kept, key, &*tissue))
+            }
         }
     }
 
     fn recall(&self, kept: Kept, key: &str, bytes: &[u8]) -> bool {
         match kept {
-            Kept::Fields => kept::from_bytes(bytes).map(|fields| drop(self.keep_fields(key, fields))).is_some(),
-            Kept::Tissue => kept::from_bytes(bytes).map(|tissue| drop(self.keep_tissue(key, tissue))).is_some(),
+            Kept::Fields => {
+                kept::from_bytes(kept, key, bytes).map(|fields| drop(self.keep_fields(key, fields))).is_some()
+            }
+            Kept::Tissue => {
+                kept::from_bytes(kept, key, bytes).map(|tissue| drop(self.keep_tissue(key, tissue))).is_some()
+            }
         }
     }
 

@@ -23,6 +23,17 @@ pub struct FreeRoom {
     pub least: u64,
 }
 
+/// Room is low below this many times the limit.
+const LOW: u64 = 4;
+
+impl FreeRoom {
+    /// Whether little is left above the limit once `more` bytes are written.
+    #[must_use]
+    pub fn is_low_after(self, more: u64) -> bool {
+        self.bytes.saturating_sub(more) < self.least.saturating_mul(LOW)
+    }
+}
+
 impl Room {
     /// Room on the fullest disk; `None` when nothing of the store is on a local disk.
     pub(super) fn free(&self) -> std::io::Result<Option<FreeRoom>> {
@@ -55,6 +66,8 @@ mod tests {
             other => panic!("{other:?}"),
         }
         assert_eq!(Room::default().free().unwrap(), None);
+        let left = FreeRoom { bytes: 100, least: 20 };
+        assert_eq!([0, 20, 21, 200].map(|more| left.is_low_after(more)), [false, false, true, true]);
         let gone = Room { directories: vec![directory.path().join("gone")], ..Room::default() };
         assert!(matches!(gone.check(), Err(StoreError::Io(_))));
     }

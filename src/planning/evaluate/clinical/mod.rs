@@ -1,5 +1,6 @@
 //! What a prediction means in a surgeon's terms: named points, soft-to-hard ratios, profile, angles, gap of the lips.
 
+mod lips;
 mod section;
 mod soft_points;
 #[cfg(test)]

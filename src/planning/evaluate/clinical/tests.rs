@@ -1,6 +1,7 @@
 use super::super::nearest_bone::tests::block;
 use super::*;
 use crate::phantom::{head, surface_of};
+use prosopon_geometry::Severity;
 
 /// A face as an extruded profile: strips of 40 mm about x = 5, with known corners.
 ///
@@ -182,6 +183,22 @@ fn a_given_point_is_followed_on_the_skin_and_the_others_go_by_it() {
     assert!((point.rest - foot).norm() < 1e-9, "{} {foot}", point.rest);
     assert!((point.movement() - Vector::new(0.0, 0.0, 0.1 * (point.rest.z - lip.z))).norm() < 1e-9);
     assert!(!of(&found.soft, "subnasale").is_given);
+}
+
+#[test]
+fn joined_lips_matter_where_the_jaws_move_apart() {
+    let [forward, both] = [Motion::translation(0.0, -6.0, 0.0), Motion::translation(0.0, -5.2, 0.0)];
+    let skin = face(false);
+    let after = moved(&skin, |_| Vector::new(0.0, -2.0, 0.0));
+    let warning = |skin: &TriMesh, motions| measured(skin, &after, &[], motions).joined_lips();
+    let found = warning(&skin, [forward, Motion::identity()]).unwrap();
+    assert_eq!((found.code, found.severity), ("joined-lips", Severity::Check));
+    assert!(found.message.contains("moves by 6.0 mm and the lower one by 0.0 mm"), "{}", found.message);
+    assert!(found.message.contains("the line between them moves by 2.0 mm"), "{}", found.message);
+    assert_eq!(warning(&skin, [forward, both]), None, "both jaws move alike");
+    let parted = face(true);
+    let found = measured(&parted, &parted, &[], [forward, Motion::identity()]);
+    assert_eq!(found.joined_lips(), None, "parted lips follow their own jaws");
 }
 
 #[test]

@@ -3,8 +3,9 @@ use std::sync::{Arc, PoisonError, RwLock};
 
 use super::api_key::hash_of;
 use super::token::Tokens;
-use super::{ApiKey, JwtSettings, Principal};
+use super::{ApiKey, JwtSettings, Principal, Scope};
 use prosopon_contract::{Fault, FaultKind};
+use prosopon_store::TenantId;
 
 /// Keys and identity providers whose tokens are trusted.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -64,10 +65,15 @@ impl Authenticator {
         }
     }
 
-    /// Whether the API key with this mark is still configured.
-    pub(super) fn has_key(&self, mark: &str) -> bool {
+    /// Whether the sender with this credential may still read what the tenant has.
+    ///
+    /// Tokens of an identity provider end by themselves.
+    pub(super) fn may_read(&self, credential: &str, tenant: &TenantId) -> bool {
+        if credential == Principal::TOKEN {
+            return self.tokens.is_some();
+        }
         let keys = self.keys.read().unwrap_or_else(PoisonError::into_inner);
-        keys.values().any(|key| key.mark() == mark)
+        keys.values().any(|key| key.mark() == credential && key.tenant == *tenant && key.scopes.allow(Scope::Read))
     }
 
     fn by_key(&self, token: &str) -> Result<Principal, Fault> {
@@ -77,7 +83,7 @@ impl Authenticator {
             tenant: key.tenant.clone(),
             who: format!("key:{}", key.id),
             scopes: key.scopes.clone(),
-            key: Some(key.mark().to_owned()),
+            credential: key.mark().to_owned(),
         })
     }
 }

@@ -33,8 +33,8 @@ pub struct Links {
 pub(in crate::http) struct CheckedLink {
     pub(in crate::http) uri: Uri,
     pub(in crate::http) name: String,
-    /// Mark of the API key that made the link; `None` if another sender did.
-    pub(in crate::http) maker: Option<String>,
+    /// Credential of the sender who made the link.
+    pub(in crate::http) maker: String,
 }
 
 /// A link and its name in the audit log.
@@ -45,7 +45,7 @@ pub(in crate::http) struct NewLink {
 }
 
 impl Links {
-    /// Signs `target`, a path with its query, until `expires`, for the sender whose API key has the mark `maker`.
+    /// Signs `target`, a path with its query, until `expires`, for the sender with the credential `maker`.
     ///
     /// # Errors
     /// The store's.
@@ -54,9 +54,9 @@ impl Links {
         store: &Store,
         target: &str,
         expires: OffsetDateTime,
-        maker: Option<&str>,
+        maker: &str,
     ) -> Result<NewLink, Fault> {
-        let (expires, maker) = (expires.unix_timestamp(), maker.unwrap_or_default());
+        let expires = expires.unix_timestamp();
         let signature = hmac::sign(self.key(store).await?, message(expires, maker, target).as_bytes());
         let signature = URL_SAFE_NO_PAD.encode(signature);
         let joint = if target.contains('?') { '&' } else { '?' };
@@ -84,8 +84,7 @@ impl Links {
             return refused("the link has expired; ask for a new one with POST /v1/links");
         }
         let uri = target.parse().map_err(|_| Fault::new(FaultKind::MalformedRequest, "the link cannot be read"))?;
-        let maker = (!maker.is_empty()).then(|| maker.to_owned());
-        Ok(Some(CheckedLink { uri, name: name_of(signature), maker }))
+        Ok(Some(CheckedLink { uri, name: name_of(signature), maker: maker.to_owned() }))
     }
 
     async fn key(&self, store: &Store) -> Result<&hmac::Key, Fault> {

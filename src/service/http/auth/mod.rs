@@ -30,18 +30,17 @@ pub enum Access {
 const LOOK_FOR_REVOCATION: std::time::Duration = std::time::Duration::from_secs(2);
 
 impl Access {
-    /// Whether the API key with this mark was removed.
-    pub(super) fn has_revoked(&self, key: &str) -> bool {
+    /// Whether the sender, or the one who made the sender's link, may still read.
+    pub(super) fn still_admits(&self, sender: &Principal) -> bool {
         match self {
-            Self::Open => false,
-            Self::Tokens(authenticator) => !authenticator.has_key(key),
+            Self::Open => sender.credential == Principal::OPEN,
+            Self::Tokens(authenticator) => authenticator.may_read(&sender.credential, &sender.tenant),
         }
     }
 
-    /// Waits until the API key of a sender is removed; forever for a sender without one.
+    /// Waits until the sender may no longer read, because its API key was removed or changed.
     pub(super) async fn until_revoked(self, sender: Principal) {
-        let Some(key) = sender.key else { return std::future::pending().await };
-        while !self.has_revoked(&key) {
+        while self.still_admits(&sender) {
             tokio::time::sleep(LOOK_FOR_REVOCATION).await;
         }
     }

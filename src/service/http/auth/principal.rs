@@ -92,15 +92,22 @@ pub struct Principal {
     pub who: String,
     /// Scopes of the sender.
     pub scopes: Scopes,
-    /// Mark of the API key that the sender has, or that made the sender's link; `None` for others.
-    pub key: Option<String>,
+    /// What admits the sender, or admitted the one who made the sender's link: the mark of an API key, [`Self::TOKEN`] or
+    /// [`Self::OPEN`].
+    pub credential: String,
 }
 
 impl Principal {
+    /// Credential of a sender with a token of the identity provider.
+    pub const TOKEN: &str = "token";
+    /// Credential of everybody where there is no authentication.
+    pub const OPEN: &str = "open";
+
     /// The sender of every request to a service without authentication.
     #[must_use]
     pub fn local() -> Self {
-        Self { tenant: TenantId::local(), who: "local".to_owned(), scopes: Scopes::all(), key: None }
+        let (tenant, who) = (TenantId::local(), "local".to_owned());
+        Self { tenant, who, scopes: Scopes::all(), credential: Self::OPEN.to_owned() }
     }
 }
 

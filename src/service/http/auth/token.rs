@@ -106,7 +106,7 @@ impl Tokens {
         let subject = text("sub").ok_or("no subject")?;
         let harmless = |c: &char| c.is_ascii_alphanumeric() || "-_.@|:".contains(*c);
         let who: String = subject.chars().filter(harmless).take(100).collect();
-        Ok(Principal { tenant, who: format!("jwt:{who}"), scopes, key: None })
+        Ok(Principal { tenant, who: format!("jwt:{who}"), scopes, credential: Principal::TOKEN.to_owned() })
     }
 
     /// The key that a token names, or the only key if it names none.

@@ -126,10 +126,6 @@ async fn admit_by_link(
     if !method.is_safe() {
         return Err(Fault::new(FaultKind::Forbidden, "a link allows nothing but GET; send a bearer token"));
     }
-    if link.maker.as_deref().is_some_and(|key| state.access.has_revoked(key)) {
-        let detail = "the key that made the link was removed; ask for a new link with POST /v1/links";
-        return Err(Fault::new(FaultKind::Unauthenticated, detail));
-    }
     let owner = match id {
         Some((_, id)) => state.service.store().owner(id).await?,
         None => None,
@@ -137,13 +133,17 @@ async fn admit_by_link(
     let reader = Principal {
         who: format!("{LINK}{}", link.name),
         scopes: std::iter::once(Scope::Read).collect(),
-        key: link.maker.clone(),
+        credential: link.maker.clone(),
         ..Principal::local()
     };
-    Ok(match owner {
-        Some(owner) => Principal { tenant: owner.tenant, ..reader },
-        None => reader,
-    })
+    // What is gone has no owner.
+    let Some(owner) = owner else { return Ok(reader) };
+    let reader = Principal { tenant: owner.tenant, ..reader };
+    if state.access.still_admits(&reader) {
+        return Ok(reader);
+    }
+    let detail = "the key that made the link was removed or changed; ask for a new link with POST /v1/links";
+    Err(Fault::new(FaultKind::Unauthenticated, detail))
 }
 
 /// The sender of the request, if it has the required scope.

@@ -6,10 +6,8 @@ use axum::response::{IntoResponse, Response};
 
 use crate::http::{AppState, Problem};
 use prosopon_contract::FaultKind;
-use prosopon_store::{FreeRoom, Lane};
+use prosopon_store::Lane;
 
-/// Room on the disk below which [`readyz`] warns, in units of what is kept free.
-const NEARLY_FULL: u64 = 4;
 /// Longest wait for the database when metrics are read; Prometheus scrapers wait ten seconds in all.
 const QUEUE_TOLD: Duration = Duration::from_secs(2);
 
@@ -43,10 +41,10 @@ pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<Str
         return Err(Problem::new(FaultKind::StoreRefuses, "the bucket refuses writes of jobs; the log has its answer"));
     }
     Ok(match state.service.store().free_room()? {
-        Some(FreeRoom { bytes, least }) if bytes < least.saturating_mul(NEARLY_FULL) => format!(
+        Some(free) if free.is_low_after(0) => format!(
             "ok, but the disk has {} MB left; below {} MB only reads and deletions are accepted\n",
-            bytes >> 20,
-            least >> 20
+            free.bytes >> 20,
+            free.least >> 20
         ),
         _ => "ok\n".to_owned(),
     })

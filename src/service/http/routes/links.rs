@@ -51,7 +51,7 @@ pub(in crate::http) async fn create(
     }
     check.finish()?;
     let expires = OffsetDateTime::now_utc() + Duration::from_secs(valid_s.into());
-    let link = state.links.sign(state.service.store(), &request.path, expires, principal.key.as_deref()).await?;
+    let link = state.links.sign(state.service.store(), &request.path, expires, &principal.credential).await?;
     let audited = Audited { what: Some(format!("link {}", link.name)), id: target.map(|id| id.to_string()) };
     let view = LinkView { url: link.url, expires_at: rfc3339(expires) };
     Ok((StatusCode::CREATED, Extension(audited), Json(view)).into_response())

@@ -46,19 +46,6 @@ pub(super) struct Clinical {
     notes: Vec<String>,
 }
 
-/// What joined lips mean for the lower one.
-fn joined_lips(c: &ClinicalDocument) -> String {
-    let rim = c.soft_points.iter().find(|p| p.name == "stomion_inferius");
-    let moves = rim.map_or_else(String::new, |p| {
-        let by_mm = p.forward_mm.hypot(p.down_mm).hypot(p.left_mm);
-        format!(": its rim moves by {by_mm:.1} mm")
-    });
-    format!(
-        "The lips are joined in this prediction, so each follows the other. The lower one is not to be relied on where only the upper \
-         jaw moves{moves}. A mesh with mouth \"auto\" lets them part."
-    )
-}
-
 pub(super) fn clinical(c: &ClinicalDocument) -> Clinical {
     let soft = c.soft_points.iter().map(|p| {
         let ratio = c.ratios.iter().find(|r| r.soft == p.name).and_then(ratio);
@@ -75,7 +62,7 @@ pub(super) fn clinical(c: &ClinicalDocument) -> Clinical {
     let notes = [
         is_proposed.then(|| "* The program found this point. Check it before you rely on its movement.".to_owned()),
         c.midline_proposed.then(|| "The program found the midline.".to_owned()),
-        c.mouth_sealed.then(|| joined_lips(c)),
+        c.mouth_sealed.then(|| "The lips are joined in this prediction.".to_owned()),
     ];
     Clinical {
         soft: Table::new(

@@ -32,6 +32,6 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     };
     let document = to_json("the document of the job", &document)?;
     let report = PartRecord { key: request.key, wall_s, ..PartRecord::of_document(PartKind::Field, document) };
-    context.put_derived(Kept::Fields, report, kept).await?;
+    context.put_derived(report, kept).await?;
     Ok(Done { warnings: warnings.into_iter().map(Into::into).collect(), ..Done::default() })
 }

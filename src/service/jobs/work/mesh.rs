@@ -39,6 +39,6 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let document = MeshDocument { cuts: request.cuts, ..MeshDocument::new(request.settings, osteotomy, &report) };
     let document = to_json("the document of the job", &document)?;
     let stored = PartRecord { key: request.key, wall_s, ..PartRecord::of_document(PartKind::Mesh, document) };
-    context.put_derived(Kept::Tissue, stored, kept).await?;
+    context.put_derived(stored, kept).await?;
     Ok(Done { warnings: report.warnings.into_iter().map(Into::into).collect(), ..Done::default() })
 }

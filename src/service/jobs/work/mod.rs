@@ -21,11 +21,11 @@ use serde::de::DeserializeOwned;
 
 use super::Service;
 use super::events::panicked;
-use super::kept::{case_of, part_of};
+use super::kept::case_of;
 use super::running::Running;
 use prosopon_contract::{Fault, FaultKind, Halt, WarningDocument, from_json};
 use prosopon_geometry::control::Control;
-use prosopon_session::{Case, Engine, Kept, SessionParts};
+use prosopon_session::{Case, Engine, SessionParts};
 use prosopon_store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartRecord, StepRecord};
 
 /// Share of a job's progress that the computation takes; the rest is writing the results.
@@ -154,39 +154,28 @@ impl Context {
         }
     }
 
-    /// Stores a derived part without a blob.
-    /// Stores the report of a derived part, with the part itself as `kept`, so that it need not be built again.
+    /// Stores the report of a derived part, and the part itself, so that it need not be built again.
     ///
-    /// Where there is no room for the part, the report is stored alone.
-    async fn put_derived(&self, of: Kept, report: PartRecord, kept: Option<Vec<u8>>) -> Result<(), Halt> {
-        let store = |part: PartRecord| async move {
-            let parts = [part];
-            self.service.persist(|| self.service.store.put_parts(self.job.session, &parts)).await
+    /// The part does not count in quotas. Where room is low it is left out.
+    async fn put_derived(&self, report: PartRecord, kept: Option<Vec<u8>>) -> Result<(), Halt> {
+        let free = self.service.store.free_room().unwrap_or_default();
+        let blob = match kept.filter(|bytes| free.is_none_or(|free| !free.is_low_after(bytes.len() as u64))) {
+            Some(bytes) => match self.put(bytes).await {
+                Ok(blob) => Some(blob.key),
+                Err(Halt::Cancelled) => return Err(Halt::Cancelled),
+                Err(Halt::Fault(fault)) => {
+                    tracing::warn!(
+                        part = report.kind.as_str(),
+                        detail = fault.detail,
+                        "not stored; after a restart it is built again"
+                    );
+                    None
+                }
+            },
+            None => None,
         };
-        let blob = match kept {
-            Some(bytes) => self.put(bytes).await.map(Some),
-            None => Ok(None),
-        };
-        let whole = match blob {
-            Ok(Some(blob)) => {
-                let bytes = report.bytes + blob.bytes;
-                store(PartRecord { blob: Some(blob.key), bytes, ..report.clone() }).await.map_err(Halt::from)
-            }
-            Ok(None) => return Ok(store(report).await?),
-            Err(halt) => Err(halt),
-        };
-        match whole {
-            Err(Halt::Fault(fault)) if matches!(fault.kind, FaultKind::QuotaFull | FaultKind::StorageFull) => {
-                let part = part_of(of).as_str();
-                tracing::warn!(
-                    part,
-                    detail = fault.detail,
-                    "there is no room to keep a result; it will be built again"
-                );
-                Ok(store(report).await?)
-            }
-            other => other,
-        }
+        let part = PartRecord { blob, ..report };
+        Ok(self.service.persist(|| self.service.store.put_parts(self.job.session, std::slice::from_ref(&part))).await?)
     }
 }
 

@@ -216,7 +216,10 @@ async fn compute(
             let mut warnings = watch.warnings;
             let last = watch.last.as_ref();
             let clinical = match last.map(|skin| engine.clinical(&run, skin, &control.stage(solved, solved))) {
-                Some(Ok(clinical)) => Some(clinical),
+                Some(Ok(clinical)) => {
+                    warnings.extend(clinical.joined_lips().map(WarningDocument::from));
+                    Some(clinical)
+                }
                 Some(Err(Halt::Cancelled)) => return Err(Halt::Cancelled),
                 Some(Err(Halt::Fault(fault))) => {
                     let message = format!("named points and the profile could not be measured: {}", fault.detail);

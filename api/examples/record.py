@@ -3,7 +3,7 @@
 
     record.py PROGRAM PHANTOM [CT]      PHANTOM: the folder `phantom` that `prosopon demo` writes; CT: any CT, for the answer to one
 
-Needs no packages; two minutes. Ids become one id, and lists keep two entries, so that a page can show them. An answer that does not
+Needs no packages; a minute. Ids are counted up from one, and long lists keep two entries, so that a page can show them. An answer that does not
 fit its schema fails tests/openapi/run.
 """
 
@@ -19,7 +19,7 @@ import urllib.error
 import urllib.request
 
 HERE = pathlib.Path(__file__).resolve().parent
-ID = "0197a2c0-0000-7000-8000-000000000001"
+ID = "0197a2c0-0000-7000-8000-%012d"
 UUID = re.compile(r"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}")
 # A point has three numbers and a quaternion four: longer lists are lists of things.
 LONGEST = 4
@@ -49,15 +49,22 @@ class Recorder:
 
     def __call__(self, operation, body=None, query="", **headers):
         answer = json.loads(self.send(operation, body, query, **headers))
-        text = json.dumps(shortened(answer), indent=2, ensure_ascii=False)
-        (HERE / "answers" / (operation + ".json")).write_text(UUID.sub(ID, text) + "\n", encoding="utf-8")
+        self.keep(operation, answer)
         return answer
+
+    def keep(self, operation, answer):
+        text = json.dumps(shortened(answer), indent=2, ensure_ascii=False)
+        numbers = {}
+        text = UUID.sub(lambda found: ID % numbers.setdefault(found.group(), len(numbers) + 1), text)
+        (HERE / "answers" / (operation + ".json")).write_text(text + "\n", encoding="utf-8")
 
     def finish(self, job):
         self.ids["job"] = job["id"]
         while True:
-            view = self("getJob", query="?wait_s=20")
+            view = json.loads(self.send("getJob", query="?wait_s=20"))
             if view["status"] == "succeeded":
+                if view["kind"] == "solve":
+                    self.keep("getJob", view)
                 return view
             if view["status"] not in ("accepted", "running", "interrupted"):
                 sys.exit("the job ended as %s: %s" % (view["status"], view.get("problem")))
@@ -100,7 +107,7 @@ def record(call, phantom, ct):
     call("getReport"), call("getStepError"), call("listJobs"), call("createLink", {"path": "/v1/jobs/%s/report" % solved})
     lines = call.send("followJob", Accept="application/x-ndjson").decode().splitlines()
     step = next(line for line in lines if '"event":"step"' in line)
-    (HERE / "answers/followJob.json").write_text(UUID.sub(ID, step) + "\n", encoding="utf-8")
+    call.keep("followJob", json.loads(step))
     tissue = call.send("getDeformedTissue")
     call("getSession")
     compared = {"prediction": {"job": solved, "step": 2}, "reference": {"session": session, "part": "target"}}

@@ -4947,9 +4947,9 @@ export interface operations {
                      *       "jobs": [
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:00:05.325Z",
+                     *           "created_at": "2026-11-28T16:55:28.230Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:00:09.946Z",
+                     *           "finished_at": "2026-11-28T16:55:34.212Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000001",
                      *           "kind": "solve",
                      *           "links": {
@@ -4974,7 +4974,7 @@ export interface operations {
                      *             }
                      *           ],
                      *           "phase": "done",
-                     *           "plan": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "plan": "0197a2c0-0000-7000-8000-000000000003",
                      *           "problem": null,
                      *           "progress": 1,
                      *           "queue_position": null,
@@ -4982,24 +4982,31 @@ export interface operations {
                      *             0.001,
                      *             0
                      *           ],
-                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T16:00:05.328Z",
+                     *           "session": "0197a2c0-0000-7000-8000-000000000002",
+                     *           "started_at": "2026-11-28T16:55:28.233Z",
                      *           "status": "succeeded",
                      *           "step": 2,
                      *           "steps": 2,
-                     *           "warnings": []
+                     *           "warnings": [
+                     *             {
+                     *               "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
+                     *               "code": "joined-lips",
+                     *               "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 2.8 mm",
+                     *               "severity": "check"
+                     *             }
+                     *           ]
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:00:02.048Z",
+                     *           "created_at": "2026-11-28T16:55:24.805Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:00:04.578Z",
-                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "finished_at": "2026-11-28T16:55:27.284Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000004",
                      *           "kind": "mesh",
                      *           "links": {
-                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
-                     *             "mesh": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/mesh",
-                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000004/events",
+                     *             "mesh": "/v1/sessions/0197a2c0-0000-7000-8000-000000000002/mesh",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000004"
                      *           },
                      *           "notes": [
                      *             {
@@ -5018,8 +5025,8 @@ export interface operations {
                      *           "progress": 1,
                      *           "queue_position": null,
                      *           "residuals": [],
-                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T16:00:02.052Z",
+                     *           "session": "0197a2c0-0000-7000-8000-000000000002",
+                     *           "started_at": "2026-11-28T16:55:24.808Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -5027,15 +5034,15 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T15:59:55.660Z",
+                     *           "created_at": "2026-11-28T16:55:17.481Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:00:01.214Z",
-                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "finished_at": "2026-11-28T16:55:23.807Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000005",
                      *           "kind": "field",
                      *           "links": {
-                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
-                     *             "field": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/field",
-                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000005/events",
+                     *             "field": "/v1/sessions/0197a2c0-0000-7000-8000-000000000002/field",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000005"
                      *           },
                      *           "notes": [
                      *             {
@@ -5054,8 +5061,8 @@ export interface operations {
                      *           "progress": 1,
                      *           "queue_position": null,
                      *           "residuals": [],
-                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T15:59:55.662Z",
+                     *           "session": "0197a2c0-0000-7000-8000-000000000002",
+                     *           "started_at": "2026-11-28T16:55:17.484Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -5063,16 +5070,16 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T15:59:45.422Z",
+                     *           "created_at": "2026-11-28T16:55:05.717Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T15:59:53.616Z",
-                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "finished_at": "2026-11-28T16:55:14.818Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000006",
                      *           "kind": "import",
                      *           "links": {
-                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
-                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001",
-                     *             "skin": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/skin",
-                     *             "skull": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/skull"
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000006/events",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000006",
+                     *             "skin": "/v1/sessions/0197a2c0-0000-7000-8000-000000000007/skin",
+                     *             "skull": "/v1/sessions/0197a2c0-0000-7000-8000-000000000007/skull"
                      *           },
                      *           "notes": [
                      *             {
@@ -5091,8 +5098,8 @@ export interface operations {
                      *           "progress": 1,
                      *           "queue_position": null,
                      *           "residuals": [],
-                     *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T15:59:45.425Z",
+                     *           "session": "0197a2c0-0000-7000-8000-000000000007",
+                     *           "started_at": "2026-11-28T16:55:05.722Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -5154,27 +5161,54 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 1,
-                     *       "created_at": "2026-11-28T16:00:12.157Z",
+                     *       "created_at": "2026-11-28T16:55:28.230Z",
                      *       "eta_s": null,
-                     *       "finished_at": "2026-11-28T16:00:14.070Z",
+                     *       "finished_at": "2026-11-28T16:55:34.212Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
-                     *       "kind": "compare",
+                     *       "kind": "solve",
                      *       "links": {
-                     *         "comparison": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/comparison",
                      *         "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
-                     *         "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *         "last_skin": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/2/skin",
+                     *         "report": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report",
+                     *         "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001",
+                     *         "tissue": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/tissue",
+                     *         "topology": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/topology"
                      *       },
+                     *       "notes": [
+                     *         {
+                     *           "action": "Use the locking option `patched`.",
+                     *           "code": "stiff-elements",
+                     *           "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *           "severity": "info"
+                     *         },
+                     *         {
+                     *           "code": "overlap-at-rest",
+                     *           "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *           "severity": "info"
+                     *         }
+                     *       ],
                      *       "phase": "done",
+                     *       "plan": "0197a2c0-0000-7000-8000-000000000003",
                      *       "problem": null,
                      *       "progress": 1,
                      *       "queue_position": null,
-                     *       "residuals": [],
-                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *       "started_at": "2026-11-28T16:00:12.159Z",
+                     *       "residuals": [
+                     *         0.001,
+                     *         0
+                     *       ],
+                     *       "session": "0197a2c0-0000-7000-8000-000000000002",
+                     *       "started_at": "2026-11-28T16:55:28.233Z",
                      *       "status": "succeeded",
-                     *       "step": 0,
-                     *       "steps": 0,
-                     *       "warnings": []
+                     *       "step": 2,
+                     *       "steps": 2,
+                     *       "warnings": [
+                     *         {
+                     *           "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
+                     *           "code": "joined-lips",
+                     *           "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 2.8 mm",
+                     *           "severity": "check"
+                     *         }
+                     *       ]
                      *     }
                      */
                     "application/json": components["schemas"]["JobView"];
@@ -5216,8 +5250,8 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 1,
-                     *       "cancel_requested_at": "2026-11-28T16:00:14.958Z",
-                     *       "created_at": "2026-11-28T16:00:14.953Z",
+                     *       "cancel_requested_at": "2026-11-28T16:55:40.093Z",
+                     *       "created_at": "2026-11-28T16:55:40.087Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -5228,13 +5262,13 @@ export interface operations {
                      *         "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
                      *       },
                      *       "phase": "reading",
-                     *       "plan": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "plan": "0197a2c0-0000-7000-8000-000000000003",
                      *       "problem": null,
                      *       "progress": 0,
                      *       "queue_position": null,
                      *       "residuals": [],
-                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *       "started_at": "2026-11-28T16:00:14.956Z",
+                     *       "session": "0197a2c0-0000-7000-8000-000000000002",
+                     *       "started_at": "2026-11-28T16:55:40.091Z",
                      *       "status": "running",
                      *       "step": 0,
                      *       "steps": 200,
@@ -6067,17 +6101,17 @@ export interface operations {
                      *         "active_contacts": 2,
                      *         "converged": true,
                      *         "factorisations": 1,
-                     *         "free_penetration_mm": 0.8648605246430113,
-                     *         "gliding_gap_mm": 0.003641572209972188,
+                     *         "free_penetration_mm": 0.8649,
+                     *         "gliding_gap_mm": 0.0036,
                      *         "k": 1,
                      *         "links": {
                      *           "error": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/1/error",
                      *           "frame": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/1/frame",
                      *           "skin": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/1/skin"
                      *         },
-                     *         "max_displacement_mm": 2.107666254043579,
-                     *         "max_penetration_mm": 0.00019167135804915025,
-                     *         "min_det_f": 0.9029683593276366,
+                     *         "max_displacement_mm": 2.1077,
+                     *         "max_penetration_mm": 0.0002,
+                     *         "min_det_f": 0.903,
                      *         "newton_iterations": 2,
                      *         "notes": [
                      *           {
@@ -6094,40 +6128,40 @@ export interface operations {
                      *         ],
                      *         "outcome": "converged",
                      *         "phases": {
-                     *           "contact_s": 0.017003460999998055,
-                     *           "factor_s": 0.04466349300000161,
-                     *           "line_search_s": 0.006040773999998805,
-                     *           "residual_s": 0.01788942899999313,
-                     *           "setup_s": 0.12268133300000272,
-                     *           "solve_s": 0.08381242999999827,
-                     *           "tangent_s": 0.053183265999997786
+                     *           "contact_s": 0.0071,
+                     *           "factor_s": 0.0557,
+                     *           "line_search_s": 0.0071,
+                     *           "residual_s": 0.013,
+                     *           "setup_s": 0.1685,
+                     *           "solve_s": 0.082,
+                     *           "tangent_s": 0.0486
                      *         },
                      *         "pulled_off_nodes": 0,
                      *         "reactions": [
                      *           {
                      *             "force_n": [
-                     *               -0.01895671558678111,
-                     *               7.884257320303771,
-                     *               -0.046712311204516445
+                     *               -0.019,
+                     *               7.8843,
+                     *               -0.0467
                      *             ],
                      *             "segment": 0
                      *           },
                      *           {
                      *             "force_n": [
-                     *               0.0025673331070757872,
-                     *               -10.849533333055717,
-                     *               0.030692548767880135
+                     *               0.0026,
+                     *               -10.8495,
+                     *               0.0307
                      *             ],
                      *             "segment": 1
                      *           }
                      *         ],
-                     *         "relative_residual": 0.0009536706550457569,
-                     *         "remaining_mm": 0.003831266537197342,
+                     *         "relative_residual": 0.001,
+                     *         "remaining_mm": 0.0038,
                      *         "steps": 2,
                      *         "substeps": 1,
                      *         "t": 0.5,
                      *         "unknowns": 18324,
-                     *         "wall_s": 0.697583596,
+                     *         "wall_s": 0.8282,
                      *         "warnings": []
                      *       },
                      *       "event": "step",
@@ -7164,7 +7198,7 @@ export interface operations {
                      *         },
                      *         "warnings": []
                      *       },
-                     *       "finished_at": "2026-11-28T16:00:09.944Z",
+                     *       "finished_at": "2026-11-28T16:55:34.210Z",
                      *       "format_version": 1,
                      *       "inputs": {
                      *         "landmarks": {
@@ -7212,12 +7246,12 @@ export interface operations {
                      *             "severity": "info"
                      *           }
                      *         ],
-                     *         "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *         "osteotomy": "0197a2c0-0000-7000-8000-000000000003",
                      *         "prisms": 3940,
                      *         "settings": {
                      *           "depth_mm": 30,
                      *           "edge_mm": 7,
-                     *           "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "osteotomy": "0197a2c0-0000-7000-8000-000000000003",
                      *           "region": null,
                      *           "skin_thickness_mm": 1.5
                      *         },
@@ -7326,9 +7360,9 @@ export interface operations {
                      *         "locking": "none",
                      *         "materials": {},
                      *         "model_chosen_by_the_service": true,
-                     *         "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *         "osteotomy": "0197a2c0-0000-7000-8000-000000000003",
                      *         "penetration_tolerance_mm": 0.05,
-                     *         "plan": "0197a2c0-0000-7000-8000-000000000001",
+                     *         "plan": "0197a2c0-0000-7000-8000-000000000004",
                      *         "preset": "wang_2009_stable",
                      *         "reference_job": null,
                      *         "relative_residual": 0.0001,
@@ -7338,13 +7372,13 @@ export interface operations {
                      *         "warm_start": null
                      *       },
                      *       "phases": {
-                     *         "cut_s": 0.3689,
-                     *         "field_s": 5.4477,
-                     *         "mesh_s": 2.4773,
-                     *         "plan_s": 0.6537,
-                     *         "solve_s": 1.1593,
-                     *         "surfaces_s": 1.34,
-                     *         "total_s": 11.4468
+                     *         "cut_s": 0.4581,
+                     *         "field_s": 6.1634,
+                     *         "mesh_s": 2.4302,
+                     *         "plan_s": 0.8069,
+                     *         "solve_s": 1.5026,
+                     *         "surfaces_s": 1.7584,
+                     *         "total_s": 13.1195
                      *       },
                      *       "plan": {
                      *         "label": null,
@@ -7412,7 +7446,7 @@ export interface operations {
                      *             "segment": 1
                      *           }
                      *         ],
-                     *         "wall_s": 0.6537,
+                     *         "wall_s": 0.8069,
                      *         "warnings": []
                      *       },
                      *       "regions": {
@@ -7472,7 +7506,7 @@ export interface operations {
                      *         "0": "skull",
                      *         "1": "maxilla"
                      *       },
-                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "session": "0197a2c0-0000-7000-8000-000000000002",
                      *       "steps": [
                      *         {
                      *           "active_contacts": 2,
@@ -7500,13 +7534,13 @@ export interface operations {
                      *           ],
                      *           "outcome": "converged",
                      *           "phases": {
-                     *             "contact_s": 0.017,
-                     *             "factor_s": 0.0447,
-                     *             "line_search_s": 0.006,
-                     *             "residual_s": 0.0179,
-                     *             "setup_s": 0.1227,
-                     *             "solve_s": 0.0838,
-                     *             "tangent_s": 0.0532
+                     *             "contact_s": 0.0071,
+                     *             "factor_s": 0.0557,
+                     *             "line_search_s": 0.0071,
+                     *             "residual_s": 0.013,
+                     *             "setup_s": 0.1685,
+                     *             "solve_s": 0.082,
+                     *             "tangent_s": 0.0486
                      *           },
                      *           "pulled_off_nodes": 0,
                      *           "reactions": [
@@ -7532,7 +7566,7 @@ export interface operations {
                      *           "substeps": 1,
                      *           "t": 0.5,
                      *           "unknowns": 18324,
-                     *           "wall_s": 0.6976,
+                     *           "wall_s": 0.8282,
                      *           "warnings": []
                      *         },
                      *         {
@@ -7548,13 +7582,13 @@ export interface operations {
                      *           "newton_iterations": 3,
                      *           "outcome": "converged",
                      *           "phases": {
-                     *             "contact_s": 0.0073,
-                     *             "factor_s": 0.042,
-                     *             "line_search_s": 0.0067,
-                     *             "residual_s": 0.0188,
+                     *             "contact_s": 0.0086,
+                     *             "factor_s": 0.0605,
+                     *             "line_search_s": 0.0088,
+                     *             "residual_s": 0.0233,
                      *             "setup_s": 0,
-                     *             "solve_s": 0.0882,
-                     *             "tangent_s": 0.0486
+                     *             "solve_s": 0.1117,
+                     *             "tangent_s": 0.0575
                      *           },
                      *           "pulled_off_nodes": 0,
                      *           "reactions": [
@@ -7580,12 +7614,19 @@ export interface operations {
                      *           "substeps": 1,
                      *           "t": 1,
                      *           "unknowns": 18324,
-                     *           "wall_s": 0.4303,
+                     *           "wall_s": 0.6384,
                      *           "warnings": []
                      *         }
                      *       ],
                      *       "version": "0.3.0",
-                     *       "warnings": []
+                     *       "warnings": [
+                     *         {
+                     *           "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
+                     *           "code": "joined-lips",
+                     *           "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 2.8 mm",
+                     *           "severity": "check"
+                     *         }
+                     *       ]
                      *     }
                      */
                     "application/json": components["schemas"]["ReportDocument"];
@@ -8390,8 +8431,8 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "expires_at": "2026-11-28T16:05:10.008Z",
-                     *       "url": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report?link=1795881910..SwrTruyqwFfKNKfoVN12iL9R9x9HJz1wOcADw07kEqc"
+                     *       "expires_at": "2026-11-28T17:00:34.291Z",
+                     *       "url": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report?link=1795885234.open.wQXsc4fk5h-nmL8weoeheleoH8C-ALXawgRVZVAmP3s"
                      *     }
                      */
                     "application/json": components["schemas"]["LinkView"];
@@ -8973,11 +9014,11 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "next": "/v1/sessions?before=0197a2c0-0000-7000-8000-000000000001&limit=2",
+                     *       "next": "/v1/sessions?before=0197a2c0-0000-7000-8000-000000000002&limit=2",
                      *       "sessions": [
                      *         {
                      *           "bytes": 7002626,
-                     *           "created_at": "2026-11-28T16:00:14.100Z",
+                     *           "created_at": "2026-11-28T16:55:39.030Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000001",
                      *           "jobs": [],
                      *           "label": "ready mesh",
@@ -8991,8 +9032,8 @@ export interface operations {
                      *               "bytes": 5056680,
                      *               "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:00:14.926Z",
-                     *               "wall_s": 0.7056
+                     *               "updated_at": "2026-11-28T16:55:40.054Z",
+                     *               "wall_s": 0.8789
                      *             },
                      *             "ct": {
                      *               "bytes": 0,
@@ -9034,7 +9075,7 @@ export interface operations {
                      *               "bytes": 1945946,
                      *               "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:00:14.169Z",
+                     *               "updated_at": "2026-11-28T16:55:39.101Z",
                      *               "wall_s": 0
                      *             }
                      *           },
@@ -9042,29 +9083,29 @@ export interface operations {
                      *           "settings": {}
                      *         },
                      *         {
-                     *           "bytes": 66791720,
-                     *           "created_at": "2026-11-28T15:59:53.621Z",
-                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "bytes": 39265768,
+                     *           "created_at": "2026-11-28T16:55:14.823Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000002",
                      *           "jobs": [
                      *             {
                      *               "attempt": 1,
-                     *               "created_at": "2026-11-28T16:00:12.157Z",
+                     *               "created_at": "2026-11-28T16:55:36.643Z",
                      *               "eta_s": null,
-                     *               "finished_at": "2026-11-28T16:00:14.070Z",
-                     *               "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *               "finished_at": "2026-11-28T16:55:38.999Z",
+                     *               "id": "0197a2c0-0000-7000-8000-000000000005",
                      *               "kind": "compare",
                      *               "links": {
-                     *                 "comparison": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/comparison",
-                     *                 "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
-                     *                 "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *                 "comparison": "/v1/jobs/0197a2c0-0000-7000-8000-000000000005/comparison",
+                     *                 "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000005/events",
+                     *                 "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000005"
                      *               },
                      *               "phase": "done",
                      *               "problem": null,
                      *               "progress": 1,
                      *               "queue_position": null,
                      *               "residuals": [],
-                     *               "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *               "started_at": "2026-11-28T16:00:12.159Z",
+                     *               "session": "0197a2c0-0000-7000-8000-000000000002",
+                     *               "started_at": "2026-11-28T16:55:36.645Z",
                      *               "status": "succeeded",
                      *               "step": 0,
                      *               "steps": 0,
@@ -9072,23 +9113,23 @@ export interface operations {
                      *             },
                      *             {
                      *               "attempt": 1,
-                     *               "created_at": "2026-11-28T16:00:10.026Z",
+                     *               "created_at": "2026-11-28T16:55:34.313Z",
                      *               "eta_s": null,
-                     *               "finished_at": "2026-11-28T16:00:12.128Z",
-                     *               "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *               "finished_at": "2026-11-28T16:55:36.612Z",
+                     *               "id": "0197a2c0-0000-7000-8000-000000000006",
                      *               "kind": "compare",
                      *               "links": {
-                     *                 "comparison": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/comparison",
-                     *                 "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
-                     *                 "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *                 "comparison": "/v1/jobs/0197a2c0-0000-7000-8000-000000000006/comparison",
+                     *                 "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000006/events",
+                     *                 "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000006"
                      *               },
                      *               "phase": "done",
                      *               "problem": null,
                      *               "progress": 1,
                      *               "queue_position": null,
                      *               "residuals": [],
-                     *               "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *               "started_at": "2026-11-28T16:00:10.028Z",
+                     *               "session": "0197a2c0-0000-7000-8000-000000000002",
+                     *               "started_at": "2026-11-28T16:55:34.314Z",
                      *               "status": "succeeded",
                      *               "step": 0,
                      *               "steps": 0,
@@ -9097,7 +9138,7 @@ export interface operations {
                      *           ],
                      *           "label": "case 17",
                      *           "osteotomies": [
-                     *             "0197a2c0-0000-7000-8000-000000000001"
+                     *             "0197a2c0-0000-7000-8000-000000000003"
                      *           ],
                      *           "parts": {
                      *             "air": {
@@ -9109,46 +9150,46 @@ export interface operations {
                      *               "state": "missing"
                      *             },
                      *             "field": {
-                     *               "bytes": 26589585,
+                     *               "bytes": 827,
                      *               "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:00:01.146Z",
-                     *               "wall_s": 5.4477
+                     *               "updated_at": "2026-11-28T16:55:23.703Z",
+                     *               "wall_s": 6.1634
                      *             },
                      *             "field_settings": {
                      *               "bytes": 121,
                      *               "sha256": "3a13923abb70ab8e08a117289f391eda8cb39acbc5846b609815929f6bd5bc4a",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T15:59:55.657Z",
+                     *               "updated_at": "2026-11-28T16:55:17.476Z",
                      *               "wall_s": 0
                      *             },
                      *             "landmarks": {
                      *               "bytes": 585,
                      *               "sha256": "1f24ddab13a228fcacf7ea19914f1c2d417f3f1ee2c3e36dfeba6220b350e241",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T15:59:55.653Z",
+                     *               "updated_at": "2026-11-28T16:55:17.468Z",
                      *               "wall_s": 0
                      *             },
                      *             "mesh": {
-                     *               "bytes": 938667,
+                     *               "bytes": 1473,
                      *               "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:00:04.573Z",
-                     *               "wall_s": 2.4773
+                     *               "updated_at": "2026-11-28T16:55:27.279Z",
+                     *               "wall_s": 2.4302
                      *             },
                      *             "skin": {
                      *               "bytes": 3918696,
                      *               "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T15:59:54.311Z",
-                     *               "wall_s": 0.64
+                     *               "updated_at": "2026-11-28T16:55:15.673Z",
+                     *               "wall_s": 0.8019
                      *             },
                      *             "skull": {
                      *               "bytes": 5056680,
                      *               "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T15:59:55.073Z",
-                     *               "wall_s": 0.6999
+                     *               "updated_at": "2026-11-28T16:55:16.687Z",
+                     *               "wall_s": 0.9565
                      *             },
                      *             "soft_tissue": {
                      *               "bytes": 0,
@@ -9158,8 +9199,8 @@ export interface operations {
                      *               "bytes": 3918696,
                      *               "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T15:59:55.639Z",
-                     *               "wall_s": 0.524
+                     *               "updated_at": "2026-11-28T16:55:17.448Z",
+                     *               "wall_s": 0.7
                      *             },
                      *             "tissue": {
                      *               "bytes": 0,
@@ -9167,7 +9208,7 @@ export interface operations {
                      *             }
                      *           },
                      *           "plans": [
-                     *             "0197a2c0-0000-7000-8000-000000000001"
+                     *             "0197a2c0-0000-7000-8000-000000000004"
                      *           ],
                      *           "settings": {}
                      *         }
@@ -9218,7 +9259,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "bytes": 0,
-                     *       "created_at": "2026-11-28T16:00:14.100Z",
+                     *       "created_at": "2026-11-28T16:55:39.030Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "jobs": [],
                      *       "label": "ready mesh",
@@ -9311,24 +9352,24 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "bytes": 57648088,
-                     *       "created_at": "2026-11-28T15:59:53.621Z",
+                     *       "bytes": 30122136,
+                     *       "created_at": "2026-11-28T16:55:14.823Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "jobs": [
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:00:05.325Z",
+                     *           "created_at": "2026-11-28T16:55:28.230Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:00:09.946Z",
-                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "finished_at": "2026-11-28T16:55:34.212Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000004",
                      *           "kind": "solve",
                      *           "links": {
-                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
-                     *             "last_skin": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/2/skin",
-                     *             "report": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report",
-                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001",
-                     *             "tissue": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/tissue",
-                     *             "topology": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/topology"
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000004/events",
+                     *             "last_skin": "/v1/jobs/0197a2c0-0000-7000-8000-000000000004/steps/2/skin",
+                     *             "report": "/v1/jobs/0197a2c0-0000-7000-8000-000000000004/report",
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000004",
+                     *             "tissue": "/v1/jobs/0197a2c0-0000-7000-8000-000000000004/tissue",
+                     *             "topology": "/v1/jobs/0197a2c0-0000-7000-8000-000000000004/topology"
                      *           },
                      *           "notes": [
                      *             {
@@ -9344,7 +9385,7 @@ export interface operations {
                      *             }
                      *           ],
                      *           "phase": "done",
-                     *           "plan": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "plan": "0197a2c0-0000-7000-8000-000000000003",
                      *           "problem": null,
                      *           "progress": 1,
                      *           "queue_position": null,
@@ -9353,23 +9394,30 @@ export interface operations {
                      *             0
                      *           ],
                      *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T16:00:05.328Z",
+                     *           "started_at": "2026-11-28T16:55:28.233Z",
                      *           "status": "succeeded",
                      *           "step": 2,
                      *           "steps": 2,
-                     *           "warnings": []
+                     *           "warnings": [
+                     *             {
+                     *               "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
+                     *               "code": "joined-lips",
+                     *               "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 2.8 mm",
+                     *               "severity": "check"
+                     *             }
+                     *           ]
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:00:02.048Z",
+                     *           "created_at": "2026-11-28T16:55:24.805Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:00:04.578Z",
-                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "finished_at": "2026-11-28T16:55:27.284Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000005",
                      *           "kind": "mesh",
                      *           "links": {
-                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000005/events",
                      *             "mesh": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/mesh",
-                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000005"
                      *           },
                      *           "notes": [
                      *             {
@@ -9389,7 +9437,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T16:00:02.052Z",
+                     *           "started_at": "2026-11-28T16:55:24.808Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -9397,15 +9445,15 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T15:59:55.660Z",
+                     *           "created_at": "2026-11-28T16:55:17.481Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:00:01.214Z",
-                     *           "id": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "finished_at": "2026-11-28T16:55:23.807Z",
+                     *           "id": "0197a2c0-0000-7000-8000-000000000006",
                      *           "kind": "field",
                      *           "links": {
-                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/events",
+                     *             "events": "/v1/jobs/0197a2c0-0000-7000-8000-000000000006/events",
                      *             "field": "/v1/sessions/0197a2c0-0000-7000-8000-000000000001/field",
-                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
+                     *             "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000006"
                      *           },
                      *           "notes": [
                      *             {
@@ -9425,7 +9473,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T15:59:55.662Z",
+                     *           "started_at": "2026-11-28T16:55:17.484Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -9434,7 +9482,7 @@ export interface operations {
                      *       ],
                      *       "label": "case 17",
                      *       "osteotomies": [
-                     *         "0197a2c0-0000-7000-8000-000000000001"
+                     *         "0197a2c0-0000-7000-8000-000000000002"
                      *       ],
                      *       "parts": {
                      *         "air": {
@@ -9446,46 +9494,46 @@ export interface operations {
                      *           "state": "missing"
                      *         },
                      *         "field": {
-                     *           "bytes": 26589585,
+                     *           "bytes": 827,
                      *           "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:00:01.146Z",
-                     *           "wall_s": 5.4477
+                     *           "updated_at": "2026-11-28T16:55:23.703Z",
+                     *           "wall_s": 6.1634
                      *         },
                      *         "field_settings": {
                      *           "bytes": 121,
                      *           "sha256": "3a13923abb70ab8e08a117289f391eda8cb39acbc5846b609815929f6bd5bc4a",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T15:59:55.657Z",
+                     *           "updated_at": "2026-11-28T16:55:17.476Z",
                      *           "wall_s": 0
                      *         },
                      *         "landmarks": {
                      *           "bytes": 585,
                      *           "sha256": "1f24ddab13a228fcacf7ea19914f1c2d417f3f1ee2c3e36dfeba6220b350e241",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T15:59:55.653Z",
+                     *           "updated_at": "2026-11-28T16:55:17.468Z",
                      *           "wall_s": 0
                      *         },
                      *         "mesh": {
-                     *           "bytes": 938667,
+                     *           "bytes": 1473,
                      *           "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:00:04.573Z",
-                     *           "wall_s": 2.4773
+                     *           "updated_at": "2026-11-28T16:55:27.279Z",
+                     *           "wall_s": 2.4302
                      *         },
                      *         "skin": {
                      *           "bytes": 3918696,
                      *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T15:59:54.311Z",
-                     *           "wall_s": 0.64
+                     *           "updated_at": "2026-11-28T16:55:15.673Z",
+                     *           "wall_s": 0.8019
                      *         },
                      *         "skull": {
                      *           "bytes": 5056680,
                      *           "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T15:59:55.073Z",
-                     *           "wall_s": 0.6999
+                     *           "updated_at": "2026-11-28T16:55:16.687Z",
+                     *           "wall_s": 0.9565
                      *         },
                      *         "soft_tissue": {
                      *           "bytes": 0,
@@ -9495,8 +9543,8 @@ export interface operations {
                      *           "bytes": 3918696,
                      *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T15:59:55.639Z",
-                     *           "wall_s": 0.524
+                     *           "updated_at": "2026-11-28T16:55:17.448Z",
+                     *           "wall_s": 0.7
                      *         },
                      *         "tissue": {
                      *           "bytes": 0,
@@ -9504,7 +9552,7 @@ export interface operations {
                      *         }
                      *       },
                      *       "plans": [
-                     *         "0197a2c0-0000-7000-8000-000000000001"
+                     *         "0197a2c0-0000-7000-8000-000000000003"
                      *       ],
                      *       "settings": {}
                      *     }
@@ -9813,7 +9861,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T15:59:45.422Z",
+                     *       "created_at": "2026-11-28T16:55:05.717Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -9828,7 +9876,7 @@ export interface operations {
                      *       "progress": 0,
                      *       "queue_position": 0,
                      *       "residuals": [],
-                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "session": "0197a2c0-0000-7000-8000-000000000002",
                      *       "started_at": null,
                      *       "status": "accepted",
                      *       "step": 0,
@@ -9874,7 +9922,7 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "bytes": 26589585,
+                     *       "bytes": 827,
                      *       "report": {
                      *         "bone": {
                      *           "bricks": 8668,
@@ -9926,8 +9974,8 @@ export interface operations {
                      *       },
                      *       "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
                      *       "state": "ready",
-                     *       "updated_at": "2026-11-28T16:00:01.146Z",
-                     *       "wall_s": 5.4477
+                     *       "updated_at": "2026-11-28T16:55:23.703Z",
+                     *       "wall_s": 6.1634
                      *     }
                      */
                     "application/json": components["schemas"]["FieldView"];
@@ -9979,7 +10027,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T15:59:55.660Z",
+                     *       "created_at": "2026-11-28T16:55:17.481Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -9994,7 +10042,7 @@ export interface operations {
                      *       "progress": 0,
                      *       "queue_position": 0,
                      *       "residuals": [],
-                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "session": "0197a2c0-0000-7000-8000-000000000002",
                      *       "started_at": null,
                      *       "status": "accepted",
                      *       "step": 0,
@@ -10209,7 +10257,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T16:00:05.325Z",
+                     *       "created_at": "2026-11-28T16:55:28.230Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -10220,12 +10268,12 @@ export interface operations {
                      *         "self": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001"
                      *       },
                      *       "phase": "waiting",
-                     *       "plan": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "plan": "0197a2c0-0000-7000-8000-000000000003",
                      *       "problem": null,
                      *       "progress": 0,
                      *       "queue_position": 0,
                      *       "residuals": [],
-                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "session": "0197a2c0-0000-7000-8000-000000000002",
                      *       "started_at": null,
                      *       "status": "accepted",
                      *       "step": 0,
@@ -10494,7 +10542,7 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "bytes": 938667,
+                     *       "bytes": 1473,
                      *       "report": {
                      *         "cartilage": 0,
                      *         "inverted": 0,
@@ -10533,8 +10581,8 @@ export interface operations {
                      *       },
                      *       "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
                      *       "state": "ready",
-                     *       "updated_at": "2026-11-28T16:00:04.573Z",
-                     *       "wall_s": 2.4773
+                     *       "updated_at": "2026-11-28T16:55:27.279Z",
+                     *       "wall_s": 2.4302
                      *     }
                      */
                     "application/json": components["schemas"]["MeshView"];
@@ -10585,7 +10633,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T16:00:02.048Z",
+                     *       "created_at": "2026-11-28T16:55:24.805Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -10600,7 +10648,7 @@ export interface operations {
                      *       "progress": 0,
                      *       "queue_position": 0,
                      *       "residuals": [],
-                     *       "session": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "session": "0197a2c0-0000-7000-8000-000000000002",
                      *       "started_at": null,
                      *       "status": "accepted",
                      *       "step": 0,
@@ -10650,7 +10698,7 @@ export interface operations {
                      *         {
                      *           "bone_mm3": 1873416.0807,
                      *           "clearances": [],
-                     *           "created_at": "2026-11-28T16:00:02.036Z",
+                     *           "created_at": "2026-11-28T16:55:24.790Z",
                      *           "cuts": [
                      *             {
                      *               "kerf_mm": 0,
@@ -10775,7 +10823,7 @@ export interface operations {
                      *           "templates": [
                      *             "le_fort_1"
                      *           ],
-                     *           "wall_s": 0.3689,
+                     *           "wall_s": 0.4581,
                      *           "warnings": []
                      *         }
                      *       ]
@@ -10829,7 +10877,7 @@ export interface operations {
                      * @example {
                      *       "bone_mm3": 1873416.0807,
                      *       "clearances": [],
-                     *       "created_at": "2026-11-28T16:00:02.036Z",
+                     *       "created_at": "2026-11-28T16:55:24.790Z",
                      *       "cuts": [
                      *         {
                      *           "kerf_mm": 0,
@@ -10954,7 +11002,7 @@ export interface operations {
                      *       "templates": [
                      *         "le_fort_1"
                      *       ],
-                     *       "wall_s": 0.3689,
+                     *       "wall_s": 0.4581,
                      *       "warnings": []
                      *     }
                      */
@@ -11125,7 +11173,7 @@ export interface operations {
                      * @example {
                      *       "bone_mm3": 1873416.0807,
                      *       "clearances": [],
-                     *       "created_at": "2026-11-28T16:00:02.036Z",
+                     *       "created_at": "2026-11-28T16:55:24.790Z",
                      *       "cuts": [
                      *         {
                      *           "kerf_mm": 0,
@@ -11250,7 +11298,7 @@ export interface operations {
                      *       "templates": [
                      *         "le_fort_1"
                      *       ],
-                     *       "wall_s": 0.3689,
+                     *       "wall_s": 0.4581,
                      *       "warnings": []
                      *     }
                      */
@@ -11387,11 +11435,11 @@ export interface operations {
                      * @example {
                      *       "plans": [
                      *         {
-                     *           "created_at": "2026-11-28T16:00:04.621Z",
+                     *           "created_at": "2026-11-28T16:55:27.353Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000001",
                      *           "label": null,
                      *           "measured": true,
-                     *           "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *           "osteotomy": "0197a2c0-0000-7000-8000-000000000002",
                      *           "paths": [
                      *             {
                      *               "segment": 1,
@@ -11455,7 +11503,7 @@ export interface operations {
                      *               "segment": 1
                      *             }
                      *           ],
-                     *           "wall_s": 0.6537,
+                     *           "wall_s": 0.8069,
                      *           "warnings": []
                      *         }
                      *       ]
@@ -11507,11 +11555,11 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "created_at": "2026-11-28T16:00:04.621Z",
+                     *       "created_at": "2026-11-28T16:55:27.353Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "label": null,
                      *       "measured": false,
-                     *       "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "osteotomy": "0197a2c0-0000-7000-8000-000000000002",
                      *       "paths": [
                      *         {
                      *           "segment": 1,
@@ -11560,7 +11608,7 @@ export interface operations {
                      *           "segment": 1
                      *         }
                      *       ],
-                     *       "wall_s": 0.0004,
+                     *       "wall_s": 0.0008,
                      *       "warnings": []
                      *     }
                      */
@@ -11604,11 +11652,11 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "created_at": "2026-11-28T16:00:04.621Z",
+                     *       "created_at": "2026-11-28T16:55:27.353Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "label": null,
                      *       "measured": true,
-                     *       "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
+                     *       "osteotomy": "0197a2c0-0000-7000-8000-000000000002",
                      *       "paths": [
                      *         {
                      *           "segment": 1,
@@ -11672,7 +11720,7 @@ export interface operations {
                      *           "segment": 1
                      *         }
                      *       ],
-                     *       "wall_s": 0.6537,
+                     *       "wall_s": 0.8069,
                      *       "warnings": []
                      *     }
                      */
@@ -11751,7 +11799,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "bytes": 7002626,
-                     *       "created_at": "2026-11-28T16:00:14.100Z",
+                     *       "created_at": "2026-11-28T16:55:39.030Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "jobs": [],
                      *       "label": "ready mesh",
@@ -11765,8 +11813,8 @@ export interface operations {
                      *           "bytes": 5056680,
                      *           "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:00:14.926Z",
-                     *           "wall_s": 0.7056
+                     *           "updated_at": "2026-11-28T16:55:40.054Z",
+                     *           "wall_s": 0.8789
                      *         },
                      *         "ct": {
                      *           "bytes": 0,
@@ -11808,7 +11856,7 @@ export interface operations {
                      *           "bytes": 1945946,
                      *           "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:00:14.169Z",
+                     *           "updated_at": "2026-11-28T16:55:39.101Z",
                      *           "wall_s": 0
                      *         }
                      *       },

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::{Method, StatusCode};
-use prosopon_service::http::auth::Access;
-use prosopon_store::Audit;
+use prosopon_service::http::auth::{Access, ApiKey, Scope};
+use prosopon_store::{Audit, sha256_hex};
 use serde_json::{Value, json};
 
 use crate::security::{call, two_tenants};
@@ -67,9 +67,23 @@ async fn a_link_reads_its_one_answer_without_a_token() {
     assert_eq!(deleted.status, StatusCode::NO_CONTENT);
     app.get(&url).await.problem(410, "gone");
 
-    // Links end with the key that made them.
+    // Links end with the key that made them, also where it stays with another tenant or without the scope.
     let Access::Tokens(authenticator) = &app.state.access else { panic!("the service has keys") };
-    authenticator.set_keys(Vec::new());
+    let key = |tenant: &str, scope: Scope| ApiKey {
+        id: "front-a".to_owned(),
+        tenant: tenant.parse().unwrap(),
+        scopes: [scope].into_iter().collect(),
+        hash: format!("sha256:{}", sha256_hex(a.as_bytes())),
+    };
+    for (keys, status) in [
+        (vec![key("a", Scope::Read)], 410),
+        (vec![key("b", Scope::Read)], 401),
+        (vec![key("a", Scope::Write)], 401),
+        (Vec::new(), 401),
+    ] {
+        authenticator.set_keys(keys);
+        assert_eq!(app.get(&url).await.status.as_u16(), status);
+    }
     let refused = app.get(&url).await.problem(401, "unauthenticated");
     assert!(
         refused["detail"].as_str().unwrap().contains("the key that made the link was removed or changed"),

@@ -19,6 +19,7 @@ mod fuzz_requests;
 mod hostile_requests;
 mod idempotency;
 mod injected_store_faults;
+mod kept_results;
 mod kill_nine;
 mod links;
 mod lost_directory;

@@ -48,11 +48,14 @@ function parts(app: App): TemplateResult {
   const { session } = app.state;
   const state = (part: string) => partState(session, part);
   const ready = state("skin") === "ready" && state("skull") === "ready";
+  // A prediction builds a mesh of its own, so that nobody misses one here.
+  const shown = PARTS.filter(([part]) => part !== "mesh" || state(part) !== "missing");
+  const fieldButton = html`<button ?disabled=${!ready || state("field") === "building"} @click=${() => buildField(app)}>Build distance field</button>`;
   return html`
     <dl class="parts">
-      ${PARTS.map(([part, label]) => html`<div><dt>${label}</dt><dd>${stateMark(state(part))}</dd></div>`)}
+      ${shown.map(([part, label]) => html`<div><dt>${label}</dt><dd>${stateMark(state(part))}</dd></div>`)}
     </dl>
-    <button ?disabled=${!ready || state("field") === "building"} @click=${() => buildField(app)}>Build distance field</button>
+    ${state("field") === "ready" ? nothing : fieldButton}
     ${ready ? nothing : html`<p class="note">The field needs skin and skull, or a CT.</p>`}
   `;
 }

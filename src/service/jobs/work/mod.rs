@@ -21,11 +21,11 @@ use serde::de::DeserializeOwned;
 
 use super::Service;
 use super::events::panicked;
-use super::kept::case_of;
+use super::kept::{case_of, recall};
 use super::running::Running;
 use prosopon_contract::{Fault, FaultKind, Halt, WarningDocument, from_json};
 use prosopon_geometry::control::Control;
-use prosopon_session::{Case, Engine, SessionParts};
+use prosopon_session::{Case, Engine, Kept, SessionParts};
 use prosopon_store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartRecord, StepRecord};
 
 /// Share of a job's progress that the computation takes; the rest is writing the results.
@@ -152,6 +152,15 @@ impl Context {
             }
             (other, _) => other,
         }
+    }
+
+    /// Reads a stored result into memory, unless the job should stop.
+    async fn recall(&self, parts: &SessionParts, kept: Kept, key: &str) -> Result<(), Halt> {
+        let read = async {
+            recall(&self.service, parts, kept, key).await;
+            Ok::<_, Fault>(())
+        };
+        self.unless_stopped(read).await
     }
 
     /// Stores the report of a derived part, and the part itself, so that it need not be built again.

@@ -10,7 +10,6 @@ use super::report::{Ingredients, compile};
 use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
 use super::steps::{checkpoint, write_steps};
 use super::{Context, Done, changed_meanwhile, scene};
-use crate::kept::recall;
 use crate::requests::{MeshChoice, SolveKind, SolveTask};
 use crate::running::Phase;
 use crate::tasks::measured;
@@ -59,7 +58,7 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     }
     let store = &context.service.store;
     let case = context.case(&parts).await?;
-    recall(&context.service, &parts, Kept::Tissue, &tissue.key).await;
+    context.recall(&parts, Kept::Tissue, &tissue.key).await?;
     let reference = context.unless_stopped(Reference::load(context, &parts, &request)).await?;
     let settings = request.settings(&case.anatomy.skull)?;
     let after = request.warm_start.as_ref().map(|before| before.earlier()).transpose()?.map(Box::new);

@@ -7,8 +7,10 @@
 
 mod api_examples;
 mod budget;
+mod cancel_anywhere;
 mod crash_recovery;
 mod damaged_values;
+mod deaf_work;
 mod deformed_volume;
 mod encryption;
 #[path = "../engines/mod.rs"]

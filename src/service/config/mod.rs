@@ -221,6 +221,7 @@ impl ServeConfig {
             ("max_waiting_tenant", self.service.max_waiting_tenant == 0),
             ("max_attempts", self.service.max_attempts == 0),
             ("max_wall_s", self.service.max_wall.is_zero()),
+            ("stuck_after_s", self.service.stuck_after.is_zero()),
             ("session_quota_mb", self.service.session_quota == 0),
             ("session_retention_days", self.service.session_retention.is_some_and(|r| r.is_zero())),
             ("janitor_every_s", self.service.janitor_every.is_zero()),

@@ -198,6 +198,7 @@ fn service(s: &mut Source, has_tenants: bool) -> ServiceSettings {
         max_attempts: s.take("max_attempts", d.max_attempts),
         memory_mb: s.take_optional("memory_mb").or(d.memory_mb),
         max_wall: Duration::from_secs(s.take("max_wall_s", d.max_wall.as_secs())),
+        stuck_after: Duration::from_secs(s.take("stuck_after_s", d.stuck_after.as_secs())),
         session_quota: megabytes(s.take("session_quota_mb", d.session_quota / MB)),
         min_free: megabytes(s.take("min_free_mb", d.min_free / MB)),
         session_retention: s.take_optional("session_retention_days").map(days),

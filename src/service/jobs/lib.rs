@@ -39,6 +39,7 @@ pub use budget::demand_of;
 pub use cpu_pool::{CpuPool, Panicked};
 pub use feed::EventFeed;
 pub use frame::SkinFrame;
+pub use health::StuckComputation;
 pub use janitor::Scrubbed;
 pub use kept::{case_of, is_kept};
 pub use order::Order;

@@ -97,8 +97,12 @@ impl Worker {
     }
 }
 
-/// Time between two looks for a cancellation.
-const LOOK_FOR_CANCEL: Duration = Duration::from_millis(50);
+/// Time between two looks for a stop.
+const LOOK_FOR_STOP: Duration = Duration::from_millis(50);
+/// Time that a computation has to see a client's cancellation before the job ends without it.
+const SEES_CANCEL: Duration = Duration::from_millis(500);
+/// The same for the deadline and the end of the service, at which a computation may still store what it has.
+const SEES_STOP: Duration = Duration::from_secs(2);
 
 const OPEN: u8 = 0;
 const CANCEL_REQUESTED: u8 = 1;
@@ -227,12 +231,16 @@ impl Running {
         self.ending.swap(CLOSED, Ordering::AcqRel) == OPEN
     }
 
-    /// Waits until a cancellation was requested `patience` ago.
-    pub(super) async fn cancelled_for(&self, patience: Duration) {
-        while self.ending.load(Ordering::Acquire) != CANCEL_REQUESTED {
-            tokio::time::sleep(LOOK_FOR_CANCEL).await;
+    /// Waits until a stop has been ignored too long: a client's cancellation, the deadline, or the end of the service.
+    pub(super) async fn ignores_stop(&self) {
+        while !self.control.is_cancelled() {
+            tokio::time::sleep(LOOK_FOR_STOP).await;
         }
-        tokio::time::sleep(patience).await;
+        if self.ending.load(Ordering::Acquire) == CANCEL_REQUESTED {
+            tokio::time::sleep(SEES_CANCEL).await;
+        } else {
+            tokio::time::sleep(SEES_STOP).await;
+        }
     }
 
     /// Notes that the end of the job is stored although its computation goes on.

@@ -27,6 +27,8 @@ pub struct ServiceSettings {
     pub memory_mb: Option<u64>,
     /// Longest computing time of a job.
     pub max_wall: Duration,
+    /// Time after which a computation that ignores its stop counts as stuck, and the process ends.
+    pub stuck_after: Duration,
     /// Quota of a session, bytes.
     pub session_quota: u64,
     /// Bytes of the disk that are kept free for deletions and the ends of jobs.
@@ -58,6 +60,7 @@ impl Default for ServiceSettings {
             max_attempts: 2,
             memory_mb: allowed_mb(),
             max_wall: Duration::from_secs(2 * 3600),
+            stuck_after: Duration::from_secs(60),
             session_quota: 16 << 30,
             // Deleting every row of a database of some GB needs less, and so does the write-ahead log of SQLite.
             min_free: 256 << 20,

@@ -18,8 +18,6 @@ use prosopon_store::{Claim, JobChange, JobRecord, JobState, Lane, StoreError};
 
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
-/// Time that a computation has to see a cancellation before the job ends without it.
-const CANCELS: Duration = Duration::from_millis(500);
 
 /// Longest time between two looks at the queue.
 const LOOK_EVERY: Duration = Duration::from_secs(5);
@@ -167,7 +165,7 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
     };
     let ended = tokio::select! {
         ended = ends => Some(ended),
-        () = running.cancelled_for(CANCELS) => None,
+        () = running.ignores_stop() => None,
         never = report_progress(service, job, running) => match never {},
         never = keep_lease(service, job, running) => match never {},
     };
@@ -177,10 +175,14 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
     record_metrics(job, running, event);
     let ran = beating(service, running.worker, end(service, job, event, &change)).await;
     if computes_on {
-        // A factorisation sees a cancellation late. The job has ended for everybody else; its worker waits for the processors.
+        // A factorisation sees a stop late. The job has ended for everybody else; its worker waits for the processors.
         running.computes_on();
         service.announce();
-        beating(service, running.worker, work).await.ok();
+        tokio::select! {
+            _ = beating(service, running.worker, work) => {}
+            // The process ends, and the computation with it.
+            () = service.stop.cancelled() => {}
+        }
         remove_if_deleted(service, job).await?;
     }
     ran

@@ -29,7 +29,7 @@ use crate::http::auth::{Access, AuthError, Authenticator, Links};
 use crate::http::{AppState, app, worker_app};
 use crate::telemetry;
 use prosopon_contract::Fault;
-use prosopon_jobs::{CpuPool, Service, ServiceSettings};
+use prosopon_jobs::{CpuPool, Service, ServiceSettings, StuckComputation};
 use prosopon_session::{Engine, Numerics};
 use prosopon_store::{Audit, Store, StoreError};
 
@@ -37,6 +37,8 @@ use prosopon_store::{Audit, Store, StoreError};
 const LOOK_FOR_DIRECTORY_EVERY: Duration = Duration::from_secs(1);
 /// Longest wait for an interrupted job, for open requests and for the database when the service stops.
 const GRACE: Duration = Duration::from_secs(20);
+/// Longest wait for the other jobs to return to the queue when a computation cannot be stopped.
+const HANDS_BACK: Duration = Duration::from_secs(5);
 /// Largest head of a request, bytes.
 const HEAD_BYTES: usize = 64 << 10;
 /// Largest number of header fields of a request.
@@ -79,6 +81,17 @@ pub enum ServeError {
     /// Jobs of an earlier run cannot be resumed.
     #[error("jobs of an earlier run cannot be resumed: {}", .0.detail)]
     Jobs(Box<Fault>),
+}
+
+/// Why the service ended by itself.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceEnd {
+    /// What it writes would be lost.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A computation cannot be stopped within the process.
+    #[error(transparent)]
+    Stuck(#[from] StuckComputation),
 }
 
 /// A service that answers requests until it is stopped.
@@ -254,11 +267,14 @@ impl Running {
         tracing::info!("stopped");
     }
 
-    /// Serves until `stop` completes or the data directory is gone, then shuts down.
+    /// Serves until `stop` completes, the data directory is gone or a computation ignores its stop, then shuts down.
+    ///
+    /// Other running jobs return to the queue; the next start, or another worker, continues them.
     ///
     /// # Errors
-    /// [`StoreError::DirectoryGone`].
-    pub async fn until(self, stop: impl Future<Output = ()>) -> Result<(), StoreError> {
+    /// [`StoreError::DirectoryGone`], or [`StuckComputation`].
+    pub async fn until(self, stop: impl Future<Output = ()>) -> Result<(), ServiceEnd> {
+        let service = Arc::clone(&self.service);
         let store = self.service.store().clone();
         let gone = async {
             loop {
@@ -277,7 +293,12 @@ impl Running {
                 tracing::error!(%gone, "the service ends, because what it writes is lost");
                 // Results of running jobs and requests would be lost too, so none is waited for.
                 Self { drain: Duration::ZERO, ..self }.ended(LOOK_FOR_DIRECTORY_EVERY).await;
-                Err(gone)
+                Err(gone.into())
+            }
+            stuck = service.until_stuck() => {
+                tracing::error!(%stuck, "the service ends, so that its supervisor starts a new process");
+                Self { drain: Duration::ZERO, ..self }.ended(HANDS_BACK).await;
+                Err(stuck.into())
             }
         }
     }

@@ -7,6 +7,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3};
 use prosopon_geometry::Vector;
+use prosopon_geometry::control::Control;
 use std::ops::Range;
 
 const NONE: u32 = u32::MAX;
@@ -35,10 +36,11 @@ impl Compliance {
     }
 
     /// Adds nodes. `solve(first, b)` applies `L⁻¹` to columns that are zero above row `first` of the corner and start at that
-    /// row. `None` when a node lies outside the corner.
+    /// row. `None` when a node lies outside the corner, or when `control` cancels.
     pub(super) fn add(
         &mut self,
         nodes: impl Iterator<Item = u32>,
+        control: &Control,
         mut solve: impl FnMut(usize, Mat<f64>) -> Mat<f64>,
     ) -> Option<()> {
         let mut new: Vec<u32> = nodes.filter(|&node| self.place(node).is_none()).collect();
@@ -53,6 +55,11 @@ impl Compliance {
         self.columns.resize_with(rows, all, |_, _| 0.0);
         self.gram.resize_with(all, all, |_, _| 0.0);
         for chunk in new.chunks(COMPLIANCE_GROUP) {
+            if control.is_cancelled() {
+                // Nodes of this call that were added stay unknown: their group is not complete.
+                self.forget_after(old / 3);
+                return None;
+            }
             let first = 3 * chunk[0] as usize - self.corner.start;
             let row = |c: usize| 3 * chunk[c / 3] as usize + c % 3 - self.corner.start - first;
             let units = Mat::from_fn(rows - first, 3 * chunk.len(), |r, c| f64::from(u8::from(row(c) == r)));
@@ -77,6 +84,18 @@ impl Compliance {
             self.groups.push(new);
         }
         Some(())
+    }
+
+    /// Forgets the nodes that were added after the first `n_nodes`.
+    fn forget_after(&mut self, n_nodes: usize) {
+        for place in &mut self.place {
+            if *place != NONE && *place as usize >= n_nodes {
+                *place = NONE;
+            }
+        }
+        self.n_nodes = n_nodes;
+        self.columns.resize_with(self.corner.len(), 3 * n_nodes, |_, _| 0.0);
+        self.gram.resize_with(3 * n_nodes, 3 * n_nodes, |_, _| 0.0);
     }
 
     /// The nodes in the groups in which they were added: adding them again in these groups gives the same bits.
@@ -145,9 +164,9 @@ pub(super) struct LowRank {
 }
 
 impl LowRank {
-    /// `None` when there are no terms, when a term acts on a node missing in `compliance`, or when the factor is too coarse for
-    /// the terms.
-    pub(super) fn new(terms: &[RankOne], compliance: &Compliance) -> Option<Self> {
+    /// `None` when there are no terms, when a term acts on a node missing in `compliance`, when the factor is too coarse for
+    /// the terms, or when `control` cancels.
+    pub(super) fn new(terms: &[RankOne], compliance: &Compliance, control: &Control) -> Option<Self> {
         if terms.is_empty() {
             return None;
         }
@@ -160,6 +179,7 @@ impl LowRank {
         }
         let mut core = DMatrix::zeros(terms.len(), terms.len());
         for (c, term) in placed.iter().enumerate() {
+            control.check().ok()?;
             for (place, entry) in term {
                 for (r, other) in placed.iter().enumerate().skip(c) {
                     core[(r, c)] +=
@@ -230,10 +250,10 @@ mod tests {
         ];
         let mut compliance = Compliance::new(3..9);
         let half = |_: usize, b: Mat<f64>| &b * faer::Scale(0.5);
-        assert!(LowRank::new(&terms, &compliance).is_none(), "no node is known yet");
-        compliance.add([2].into_iter(), half).unwrap();
-        compliance.add([2, 1].into_iter(), half).unwrap();
-        let low_rank = LowRank::new(&terms, &compliance).unwrap();
+        assert!(LowRank::new(&terms, &compliance, &Control::new()).is_none(), "no node is known yet");
+        compliance.add([2].into_iter(), &Control::new(), half).unwrap();
+        compliance.add([2, 1].into_iter(), &Control::new(), half).unwrap();
+        let low_rank = LowRank::new(&terms, &compliance, &Control::new()).unwrap();
         let mut matrix = DMatrix::identity(6, 6) * 4.0;
         for t in &terms {
             let mut v = DVector::zeros(6);
@@ -251,8 +271,8 @@ mod tests {
         low_rank.apply(&compliance, &mut y);
         let x = DVector::from_iterator(6, y.iter().map(|y| 0.5 * y));
         assert!((matrix * x - &b).norm() < 1e-12 * b.norm());
-        assert!(compliance.add([0].into_iter(), half).is_none(), "node 0 is outside of the corner");
-        assert!(LowRank::new(&[], &compliance).is_none());
+        assert!(compliance.add([0].into_iter(), &Control::new(), half).is_none(), "node 0 is outside of the corner");
+        assert!(LowRank::new(&[], &compliance, &Control::new()).is_none());
     }
 
     /// A coupled corner, nodes added out of order: `S` is the inverse's part at the nodes.
@@ -266,8 +286,11 @@ mod tests {
             let x = l.solve_lower_triangular(&b).unwrap();
             Mat::from_fn(x.nrows(), x.ncols(), |r, c| x[(r, c)])
         };
-        compliance.add([4].into_iter(), &mut solve).unwrap();
-        compliance.add([2].into_iter(), &mut solve).unwrap();
+        compliance.add([4].into_iter(), &Control::new(), &mut solve).unwrap();
+        let stopped = Control::new();
+        stopped.cancel();
+        assert!(compliance.add([2].into_iter(), &stopped, &mut solve).is_none());
+        compliance.add([2].into_iter(), &Control::new(), &mut solve).unwrap();
         let inverse = (&lower * lower.transpose()).try_inverse().unwrap();
         let force = [1.0, -2.0, 0.5, 0.3, 0.0, 4.0];
         let found = compliance.displacements(&force);

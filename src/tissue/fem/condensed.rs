@@ -152,13 +152,16 @@ pub(super) fn solve_condensed(
     Some(found)
 }
 
-/// Whether a point passes through bone, and not round a rim, or through tissue on its path to the condensed solution.
+/// Whether a point passes through bone, and not round a rim, or through tissue on its path to the condensed solution, or strays.
 fn passes_through_bone(equations: &Equations<'_>, problem: &CondensedProblem<'_>, state: &CondensedState) -> bool {
     let at = problem.trial(equations.problem.dofs(), &state.corner);
+    if equations.strays(&at) {
+        return true;
+    }
     let start = Placement { x: problem.x, motions: problem.motions };
     let end = Placement { x: &at, motions: problem.motions };
     let contact = &equations.state.contact;
-    contact.passages(start, end).iter().any(|passage| !passage.round_a_rim)
+    contact.passages(start, end, &equations.state.control).iter().any(|passage| !passage.round_a_rim)
         || contact.facing_passage(problem.x, &at).is_some()
 }
 
@@ -225,6 +228,7 @@ fn minimise_condensed(
     let mut last: Option<(f64, CondensedState)> = None;
     let (mut updates, mut moved_mm, mut rounds) = (0, f64::INFINITY, 0);
     loop {
+        equations.state.control.check().ok()?;
         rounds += 1;
         let trial = problem.trial(dofs, &state.corner);
         let contacts = contact.active_contacts(&trial, problem.motions);
@@ -244,7 +248,7 @@ fn minimise_condensed(
         }
         let pull = contact.forces_at(&contacts, dofs, compliance)?;
         let residual: Vec<f64> = pull.iter().zip(&state.forces).map(|(p, f)| p - f).collect();
-        let low_rank = LowRank::new(&contact.terms(&contacts, dofs), compliance);
+        let low_rank = LowRank::new(&contact.terms(&contacts, dofs), compliance, &equations.state.control);
         let includes_curvature = moved_mm < CONDENSED_CURVATURE_BELOW_MM;
         let curvature = if includes_curvature {
             let curved = Curved { x: &trial, motions: problem.motions, share: 1.0 };

@@ -44,6 +44,7 @@ use super::tuning::{
     CONTACT_POINTS_PER_TASK, DEEP_OVERLAP_MM, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM,
 };
 use crate::mesh::MixedMesh;
+use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Vector, Warning};
 use rayon::prelude::*;
 
@@ -391,10 +392,14 @@ impl<'a> Contact<'a> {
     }
 
     /// Contact points that have passed to the other side of a body between two states: on a straight line in the body's frame
-    /// they entered the solid, and the solid now pushes them the other way. In the order of points; one body for each point.
-    pub(super) fn passages(&self, start: Placement<'_>, end: Placement<'_>) -> Vec<Passage> {
+    /// they entered the solid, and the solid now pushes them the other way. In the order of points; one body for each point. When
+    /// `control` cancels, some are missing.
+    pub(super) fn passages(&self, start: Placement<'_>, end: Placement<'_>, control: &Control) -> Vec<Passage> {
         let n = self.bodies.len();
         let passed = |(point, p): (usize, &ContactPoint)| {
+            if control.is_cancelled() {
+                return None;
+            }
             let (from, place) = (p.at(start.x), p.at(end.x));
             let through = |body: usize| {
                 let Overlap { shift, rest_mm } = self.overlap[point * n + body];

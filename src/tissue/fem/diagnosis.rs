@@ -5,10 +5,11 @@ use super::equations::Equations;
 use super::error::SolveError;
 use super::failure::Failure;
 use super::report::LostEllipticity;
-use super::tuning::{LEFT_OUT_SHARE, LEFT_OUT_STRAIN};
+use super::tuning::{ELEMENTS_PER_TASK, LEFT_OUT_SHARE, LEFT_OUT_STRAIN};
 use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
 use prosopon_geometry::{Point, Vector, Warning};
+use rayon::prelude::*;
 
 /// The error for a failure on the path to parameter `goal`; `x` is the last equilibrium.
 pub(super) fn name(
@@ -53,32 +54,30 @@ pub(super) fn name(
     }
 }
 
-/// Loss of ellipticity at `x`: number of elements, and the one with the largest stretch.
+/// Loss of ellipticity at `x`: number of elements, and the one with the largest stretch. Not complete when the solver is cancelled.
 pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &[Vector]) -> Option<LostEllipticity> {
-    let mut elements = 0;
-    let mut weakest: Option<(Inversion, f64)> = None;
-    for (part, p) in equations.problem.assembly().parts().iter().enumerate() {
-        for (element, tissue) in p.block.tissue.iter().enumerate() {
-            let Law::Hyperelastic(material) = &p.laws[*tissue as usize] else { continue };
-            if material.is_polyconvex() {
-                continue;
-            }
-            let at = Inversion { part, element };
-            let mut weak = false;
-            for f in equations.problem.assembly().deformations(at, x) {
-                if f.determinant() > 0.0 && !material.is_elliptic(&f) {
-                    weak = true;
-                    let stretch = f.singular_values().max();
-                    if weakest.is_none_or(|w| stretch > w.1) {
-                        weakest = Some((at, stretch));
-                    }
-                }
-            }
-            elements += usize::from(weak);
+    let assembly = equations.problem.assembly();
+    // Largest stretch of an element where its material is not elliptic.
+    let weak_stretch = |part: usize, element: usize| -> Option<f64> {
+        let p = &assembly.parts()[part];
+        let Law::Hyperelastic(material) = &p.laws[p.block.tissue[element] as usize] else { return None };
+        if material.is_polyconvex() || equations.state.control.is_cancelled() {
+            return None;
         }
+        let points = assembly.deformations(Inversion { part, element }, x);
+        let weak = points.iter().filter(|f| f.determinant() > 0.0 && !material.is_elliptic(f));
+        weak.map(|f| f.singular_values().max()).reduce(f64::max)
+    };
+    let mut weak: Vec<(Inversion, f64)> = Vec::new();
+    for (part, p) in assembly.parts().iter().enumerate() {
+        let of_part = (0..p.block.tissue.len()).into_par_iter().with_min_len(ELEMENTS_PER_TASK);
+        let found = of_part.filter_map(|element| Some((Inversion { part, element }, weak_stretch(part, element)?)));
+        weak.par_extend(found);
     }
+    // The first of the largest, in the order of elements.
+    let weakest = weak.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
     weakest.map(|(at, stretch)| LostEllipticity {
-        elements,
+        elements: weak.len(),
         tissue: equations.problem.assembly().tissue(at).name(),
         kind: equations.problem.assembly().parts()[at.part].block.kind,
         element: at.element,

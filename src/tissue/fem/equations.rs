@@ -16,6 +16,7 @@ use super::springs::TangentKind;
 use super::state::PathState;
 use super::tuning::NEAR_MM;
 use super::workspace::Workspace;
+use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Vector};
 
 /// Problem, state and workspace of one solver.
@@ -52,6 +53,12 @@ impl<'a> Equations<'a> {
     pub(super) fn new(problem: Problem, state: PathState<'a>, solver: LinearSolver) -> Self {
         let work = Workspace::new(&problem, solver);
         Self { problem, state, work }
+    }
+
+    /// From now on `control` stops every loop over elements, contacts and iterations.
+    pub(super) fn watch(&mut self, control: &Control) {
+        self.state.control = control.clone();
+        self.work.solver_mut().set_control(control);
     }
 
     /// Replaces materials that can lose ellipticity by stable ones. Returns whether there were any.
@@ -96,6 +103,21 @@ impl<'a> Equations<'a> {
             self.state.springs.retract(x, motions, self.problem.dofs(), &mut moved);
         }
         moved
+    }
+
+    /// Whether the iterates have diverged: a node has moved farther than the held nodes, by more than the size of the mesh.
+    ///
+    /// Below such an energy there is no minimum (a Yeoh material with a negative constant), and paths of metres through bone
+    /// would be searched for passages.
+    pub(super) fn strays(&self, x: &[Vector]) -> bool {
+        let dofs = self.problem.dofs();
+        let moved_sq = |node: usize| (x[node] - dofs.rest()[node]).norm_squared();
+        let positions = || (0..dofs.n_nodes()).filter(|&node| dofs.is_position(node));
+        let is_held = |node: &usize| dofs.conditions()[*node] != Condition::Free;
+        let held_mm = positions().filter(is_held).map(moved_sq).fold(0.0, f64::max).sqrt();
+        let reach_sq = (held_mm + self.problem.limits().mesh_size_mm).powi(2);
+        // Not `>`: a coordinate may be NaN.
+        positions().any(|node| !(moved_sq(node) <= reach_sq))
     }
 
     /// Lets go of gliding nodes on which bone pulls too much. Returns their number.

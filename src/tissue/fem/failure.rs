@@ -1,6 +1,7 @@
 //! Reasons why the solver found no equilibrium.
 
 use super::assembly::Inversion;
+use super::factor::Indefinite;
 use prosopon_geometry::Point;
 use prosopon_geometry::control::Cancelled;
 
@@ -24,5 +25,11 @@ impl From<Cancelled> for Failure {
 impl From<Inversion> for Failure {
     fn from(at: Inversion) -> Self {
         Self::Inverted(at)
+    }
+}
+
+impl From<Indefinite> for Failure {
+    fn from(_: Indefinite) -> Self {
+        Self::Indefinite
     }
 }

@@ -16,6 +16,8 @@ pub(super) enum NoStep {
     Inverted(Inversion),
     /// The energy does not decrease along the direction.
     NoDescent,
+    /// The caller cancelled.
+    Cancelled,
 }
 
 /// Values at the start of the search.
@@ -46,7 +48,12 @@ pub(super) fn search(
     let glides = !equations.state.springs.is_empty();
     let uncertain = ENERGY_ROUND_OFF * energy.abs() + equations.problem.limits().energy_noise_mj;
     while step >= SHORTEST_STEP {
+        equations.state.control.check().map_err(|_| NoStep::Cancelled)?;
         let trial = equations.moved(x, motions, step, d);
+        if equations.strays(&trial) {
+            step *= 0.5;
+            continue;
+        }
         match equations.energy(&trial, motions) {
             Ok(found) if found.penetration_mm > deepest => step *= 0.5,
             Ok(found) if found.energy <= energy + SUFFICIENT_DECREASE * step * slope => {
@@ -102,8 +109,11 @@ fn extended(
     most: f64,
 ) -> f64 {
     let mut step = 1.0;
-    while step < most {
+    while step < most && !equations.state.control.is_cancelled() {
         let trial = equations.moved(x, motions, 2.0 * step, d);
+        if equations.strays(&trial) {
+            break;
+        }
         match equations.energy(&trial, motions) {
             Ok(found) if found.energy < energy && found.penetration_mm <= deepest => {
                 energy = found.energy;

@@ -10,12 +10,13 @@ use super::compliance::{Compliance, LowRank, RankOne};
 use super::coupling::Coupling;
 use super::dot::dot;
 use super::factor::{Factor, Indefinite, Symbolic};
+use super::failure::Failure;
 use super::tuning::{
     ITERATIONS_FOR_RATE, MAX_EXTRA_ITERATIONS, MAX_RELAXATIONS, MAX_WITH_NEW, MAX_WITH_OLD, RELAXATION_TOLERANCE,
 };
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
-use prosopon_geometry::control::Clock;
+use prosopon_geometry::control::Control;
 use std::sync::Arc;
 
 /// A matrix, its elastic part and its contact terms.
@@ -68,7 +69,8 @@ pub(super) struct LinearSolver {
     /// Whether the factor includes contact, because the elements alone are not stable.
     includes_contact: bool,
     factorisations: usize,
-    clock: Clock,
+    /// Stop flag and clock of the caller.
+    control: Control,
     times: SolverTimes,
     /// Whether the factor must be computed anew for the next matrix.
     is_stale: bool,
@@ -111,31 +113,41 @@ enum Outcome {
     Solved,
     Slow,
     Indefinite,
+    Cancelled,
 }
 
 impl LinearSolver {
     /// A solver with this factor: of the matrix that is solved first, or without values.
-    pub(super) fn new(symbolic: Arc<Symbolic>, factor: Arc<Factor<f32>>, clock: Clock) -> Self {
-        Self::with(Preconditioner::Factor { symbolic, single: factor, double: None }, clock)
+    pub(super) fn new(symbolic: Arc<Symbolic>, factor: Arc<Factor<f32>>, control: &Control) -> Self {
+        Self::with(Preconditioner::Factor { symbolic, single: factor, double: None }, control)
     }
 
     /// Relaxation of vertices under the forces of their neighbours, without a factor.
-    pub(super) fn relaxation(clock: Clock) -> Self {
-        Self::with(Preconditioner::Vertices(Vec::new()), clock)
+    pub(super) fn relaxation(control: &Control) -> Self {
+        Self::with(Preconditioner::Vertices(Vec::new()), control)
     }
 
-    fn with(preconditioner: Preconditioner, clock: Clock) -> Self {
+    fn with(preconditioner: Preconditioner, control: &Control) -> Self {
         Self {
             preconditioner,
             low_rank: None,
             compliance: None,
             includes_contact: false,
             factorisations: 0,
-            clock,
+            control: control.clone(),
             times: SolverTimes::default(),
             is_stale: false,
             extra_iterations: 0,
         }
+    }
+
+    /// From now on `control` stops the solver and gives the time.
+    pub(super) fn set_control(&mut self, control: &Control) {
+        self.control = control.clone();
+    }
+
+    fn now(&self) -> f64 {
+        (self.control.clock())()
     }
 
     /// Resets the times to zero.
@@ -227,10 +239,10 @@ impl LinearSolver {
     /// Factorises the elements' matrix when there is no usable factor.
     pub(super) fn prepare(&mut self, pattern: &Pattern, elastic: &[f64]) {
         if !self.relaxes() && !self.is_usable() {
-            let begin = (self.clock)();
+            let begin = self.now();
             // A failure is reported when the system is solved.
             self.is_stale = self.factorise(pattern, elastic, elastic, FactorMatrix::Elements).is_err();
-            self.times.factor_s += (self.clock)() - begin;
+            self.times.factor_s += self.now() - begin;
         }
     }
 
@@ -241,16 +253,17 @@ impl LinearSolver {
             return;
         }
         let nodes = contact.iter().flat_map(|t| t.nodes.iter().map(|(node, _)| *node));
-        self.low_rank = self.compliance(nodes).and_then(|compliance| LowRank::new(contact, compliance));
+        let control = self.control.clone();
+        self.low_rank = self.compliance(nodes).and_then(|compliance| LowRank::new(contact, compliance, &control));
     }
 
     /// Approximate solution of `A x = b` by the current factor and the terms `contact`, without conjugate gradients.
     pub(super) fn estimate(&mut self, contact: &[RankOne], b: &[f64]) -> Vec<f64> {
-        let begin = (self.clock)();
+        let begin = self.now();
         self.set_contact_correction(contact);
         let mut x = b.to_vec();
         self.precondition(&mut x);
-        self.times.solve_s += (self.clock)() - begin;
+        self.times.solve_s += self.now() - begin;
         x
     }
 
@@ -259,25 +272,25 @@ impl LinearSolver {
         if self.includes_contact || !self.is_usable() {
             return None;
         }
-        let begin = (self.clock)();
+        let begin = self.now();
         let y = match &self.preconditioner {
             Preconditioner::Factor { double: Some(f), .. } => f.forward(b),
             Preconditioner::Factor { single, .. } => single.forward(b),
             Preconditioner::Vertices(_) => return None,
         };
-        self.times.solve_s += (self.clock)() - begin;
+        self.times.solve_s += self.now() - begin;
         Some(y)
     }
 
     /// `L⁻ᵀ y` of the current factor.
     pub(super) fn backward(&mut self, y: &[f64]) -> Vec<f64> {
-        let begin = (self.clock)();
+        let begin = self.now();
         let x = match &self.preconditioner {
             Preconditioner::Factor { double: Some(f), .. } => f.backward(y),
             Preconditioner::Factor { single, .. } => single.backward(y),
             Preconditioner::Vertices(_) => y.to_vec(),
         };
-        self.times.solve_s += (self.clock)() - begin;
+        self.times.solve_s += self.now() - begin;
         x
     }
 
@@ -309,9 +322,11 @@ impl LinearSolver {
         let compliance = self.compliance.get_or_insert_with(|| Compliance::new(corner));
         match &self.preconditioner {
             Preconditioner::Factor { double: Some(f), .. } => {
-                compliance.add(nodes, |first, b| f.corner_solve(first, b))
+                compliance.add(nodes, &self.control, |first, b| f.corner_solve(first, b))
             }
-            Preconditioner::Factor { single, .. } => compliance.add(nodes, |first, b| single.corner_solve(first, b)),
+            Preconditioner::Factor { single, .. } => {
+                compliance.add(nodes, &self.control, |first, b| single.corner_solve(first, b))
+            }
             Preconditioner::Vertices(_) => None,
         }?;
         Some(compliance)
@@ -330,15 +345,15 @@ impl LinearSolver {
         x: &mut [f64],
         tolerance: f64,
         norm_sq: Option<f64>,
-    ) -> Result<Work, Indefinite> {
+    ) -> Result<Work, Failure> {
         let System { values, elastic, contact, .. } = system;
         x.fill(0.0);
         let mut at = Iterate { r: b.to_vec(), start: norm_sq, iterations: 0 };
         let mut factorised = false;
         let mut matrix = if contact.is_empty() { FactorMatrix::Elements } else { FactorMatrix::ElementsOrWhole };
-        let begin = (self.clock)();
+        let begin = self.now();
         self.set_contact_correction(contact);
-        self.times.solve_s += (self.clock)() - begin;
+        self.times.solve_s += self.now() - begin;
         loop {
             let fresh = factorised;
             if fresh || (self.is_usable() && self.extra_iterations <= MAX_EXTRA_ITERATIONS) {
@@ -347,15 +362,16 @@ impl LinearSolver {
                     (false, true) => MAX_WITH_NEW,
                     (false, false) => MAX_WITH_OLD,
                 };
-                let begin = (self.clock)();
+                let begin = self.now();
                 let outcome = self.iterate(pattern, system, x, &mut at, tolerance, limit);
-                self.times.solve_s += (self.clock)() - begin;
+                self.times.solve_s += self.now() - begin;
                 match outcome {
                     Outcome::Solved => {
                         self.add_loss(at.iterations.saturating_sub(1));
                         return Ok(Work { factorised, cg_iterations: at.iterations });
                     }
-                    Outcome::Indefinite => return Err(Indefinite),
+                    Outcome::Indefinite => return Err(Failure::Indefinite),
+                    Outcome::Cancelled => return Err(Failure::Cancelled),
                     // The curvature of contact may be too large for the Gauss-Newton terms of the correction.
                     Outcome::Slow if fresh && !self.includes_contact && !contact.is_empty() => {
                         matrix = FactorMatrix::Whole;
@@ -368,9 +384,10 @@ impl LinearSolver {
                     Outcome::Slow => {}
                 }
             }
-            let begin = (self.clock)();
+            self.control.check()?;
+            let begin = self.now();
             let done = self.factorise(pattern, values, elastic, matrix);
-            self.times.factor_s += (self.clock)() - begin;
+            self.times.factor_s += self.now() - begin;
             done?;
             self.set_contact_correction(contact);
             factorised = true;
@@ -463,6 +480,9 @@ impl LinearSolver {
             return if rz.is_finite() { Outcome::Solved } else { Outcome::Indefinite };
         }
         for iteration in 1..=limit {
+            if self.control.is_cancelled() {
+                return Outcome::Cancelled;
+            }
             pattern.multiply(values, &p, &mut ap);
             coupling.add_product(&p, &mut ap);
             let curvature = dot(&p, &ap);

@@ -16,7 +16,6 @@ use super::tuning::{
     MAX_PULL_OFFS, PART_CURVATURE_BELOW_MM, PART_CURVATURE_SHARE, POOR_STEP, SHORT_STEP, SLOW_PENETRATION, STIFFER,
     WHOLE_CURVATURE_BELOW_MM,
 };
-use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Vector};
 
 /// An equilibrium that was reached.
@@ -67,10 +66,9 @@ pub(super) fn equilibrate(
     equations: &mut Equations<'_>,
     x: &mut [Vector],
     target: Target<'_>,
-    control: &Control,
 ) -> Result<Equilibrium, Failure> {
     equations.state.begin_attempt();
-    let result = augmented(equations, x, target, control);
+    let result = augmented(equations, x, target);
     if result.is_err() {
         equations.state.set_failed(x);
     }
@@ -82,7 +80,6 @@ fn augmented(
     equations: &mut Equations<'_>,
     x: &mut [Vector],
     target: Target<'_>,
-    control: &Control,
 ) -> Result<Equilibrium, Failure> {
     let limits = *equations.problem.limits();
     let mut iterations = 0;
@@ -96,7 +93,7 @@ fn augmented(
     let glides = !equations.state.springs.is_empty();
     let mut aim = if equations.state.contact.is_empty() && !glides { full } else { full.max(COARSE_RESIDUAL) };
     for _ in 0..=MAX_MULTIPLIER_UPDATES + MAX_PULL_OFFS {
-        let found = newton(equations, x, target, aim, control)?;
+        let found = newton(equations, x, target, aim)?;
         iterations += found.iterations;
         let depth = tested_penetration(&found.contacts);
         let gap = equations.state.springs.largest_gap_mm(x, target.motions);
@@ -134,7 +131,6 @@ fn newton(
     x: &mut [Vector],
     target: Target<'_>,
     aim: f64,
-    control: &Control,
 ) -> Result<Equilibrium, Failure> {
     let limits = *equations.problem.limits();
     let has_springs = !equations.state.springs.is_empty();
@@ -143,7 +139,7 @@ fn newton(
     let mut choice = ModelChoice::first();
     let mut last = ResidualTest { residual_n: f64::INFINITY, tolerance_n: 0.0 };
     for iteration in 0..=limits.max_iterations {
-        control.check()?;
+        equations.state.control.check()?;
         equations.state.uses_condensed &= iteration < CONDENSED_ITERATIONS;
         let balance = equations.balance(x, target.motions)?;
         last = ResidualTest::of(&balance, aim, &limits);
@@ -307,6 +303,7 @@ fn no_step_failure(
 ) -> Failure {
     match no_step {
         NoStep::Inverted(at) => Failure::Inverted(at),
+        NoStep::Cancelled => Failure::Cancelled,
         NoStep::NoDescent => Failure::NotConverged { iterations, residual_n, tolerance_n },
     }
 }
@@ -337,11 +334,16 @@ fn direction(
         if !equations.state.contact.is_empty() {
             balance = equations.balance_of(balance.elastic, x, motions);
         }
-        if let Ok(d) = found {
-            record.projected = choice.kind != TangentKind::Exact;
-            if dot(&d, equations.work.residual()) < 0.0 {
-                return Ok(Direction { d, balance });
+        match found {
+            Ok(d) => {
+                record.projected = choice.kind != TangentKind::Exact;
+                if dot(&d, equations.work.residual()) < 0.0 {
+                    return Ok(Direction { d, balance });
+                }
             }
+            Err(Failure::Cancelled) => return Err(Failure::Cancelled),
+            // A safer kind of tangent follows.
+            Err(_) => {}
         }
         if choice.terms.used {
             choice.terms = CurvatureTerms::default();

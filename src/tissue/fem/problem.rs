@@ -18,6 +18,8 @@ pub(super) struct Limits {
     pub(super) force_floor_n: f64,
     /// Element size, mm; generalised forces of tangent vectors (N mm) are divided by it before comparison.
     pub(super) element_size_mm: f64,
+    /// Diagonal of the box around the mesh at rest, mm.
+    pub(super) mesh_size_mm: f64,
     /// Round-off error of the energy at rest, mJ: scales with shear modulus times volume.
     pub(super) energy_noise_mj: f64,
     /// Whether the forces are linear in the displacements.

@@ -4,7 +4,6 @@ use super::condensed::{CondensedContact, StepPath, solve_condensed, track_contac
 use super::contact::{ContactPair, Curved};
 use super::dot::dot;
 use super::equations::Equations;
-use super::factor::Indefinite;
 use super::failure::Failure;
 use super::report::IterationRecord;
 use super::springs::TangentKind;
@@ -60,7 +59,7 @@ pub(super) fn minimise_model(
     goal: Goal<'_>,
     terms: &mut CurvatureTerms,
     record: &mut IterationRecord,
-) -> Result<Vec<f64>, Indefinite> {
+) -> Result<Vec<f64>, Failure> {
     let n = equations.work.residual().len();
     let (mut d, mut change, mut rhs) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
     equations.work.prepare(&equations.problem);
@@ -75,6 +74,7 @@ pub(super) fn minimise_model(
     terms.used = curved.is_some();
     let few = if equations.problem.limits().linear { 0 } else { active.len() / NEGLIGIBLE_CHANGES };
     for round in 0..MAX_ACTIVE_SETS {
+        equations.state.control.check()?;
         let begin = equations.problem.now();
         equations.work.add_contact(&equations.problem, &equations.state.contact, &active, curved);
         let norm_sq = right_hand_side(equations, goal.load, &active, condensed, &mut rhs);
@@ -201,11 +201,13 @@ pub(super) fn predict(
             equations.state.contact_forces.clone_from(&kept);
         }
         let goal = Goal { x: &target, motions: end, load: &load, forcing: FORCING_OF_PREDICTION };
-        if let Ok(d) = minimise_model(equations, goal, &mut CurvatureTerms::default(), &mut record) {
-            match predicted(equations, &target, end, 1.0, &d) {
+        match minimise_model(equations, goal, &mut CurvatureTerms::default(), &mut record) {
+            Ok(d) => match predicted(equations, &target, end, 1.0, &d) {
                 Err(Failure::Inverted(_)) => inverted = Some(d),
                 found => return found,
-            }
+            },
+            Err(Failure::Cancelled) => return Err(Failure::Cancelled),
+            Err(_) => {}
         }
         equations.work.solver_mut().refresh();
     }
@@ -217,7 +219,7 @@ pub(super) fn predict(
     predicted(equations, &target, end, share, &d)
 }
 
-/// The state after a share of the predicted change `d`, unless it penetrates bone deeply or inverts an element.
+/// The state after a share of the predicted change `d`, unless it lies far off, penetrates bone deeply or inverts an element.
 fn predicted(
     equations: &Equations<'_>,
     target: &[Vector],
@@ -226,6 +228,10 @@ fn predicted(
     d: &[f64],
 ) -> Result<Vec<Vector>, Failure> {
     let x = equations.moved(target, motions, share, d);
+    // Where the tangent is nearly singular, the prediction knows no bounds.
+    if equations.strays(&x) {
+        return Err(Failure::Indefinite);
+    }
     let found_mm = equations.energy(&x, motions)?.penetration_mm;
     if found_mm > 2.0 * MAX_CONTACT_MOTION_MM { Err(Failure::Penetration { found_mm }) } else { Ok(x) }
 }

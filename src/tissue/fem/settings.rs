@@ -256,9 +256,7 @@ impl SolveSettings {
         };
         let message =
             format!("{found}: {elements} elements are too stiff there, on coarse meshes by {share} of the movement");
-        let warning =
-            if self.locking == Locking::None { Warning::info(code, message) } else { Warning::check(code, message) };
-        Some(warning.act("Use the locking option `patched`."))
+        Some(Warning::check(code, message).act("Use the locking option `patched`."))
     }
 
     pub(super) fn check(&self) -> Result<(), SolveError> {

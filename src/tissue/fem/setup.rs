@@ -21,7 +21,7 @@ use super::tuning::{
 };
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Motion, Vector, Warning};
+use prosopon_geometry::{Aabb, Motion, Vector, Warning};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -227,8 +227,8 @@ impl Prepared {
             return Err(problem("the mesh differs in size from the prepared one".to_owned()));
         }
         let solver = match &self.factor {
-            Some((symbolic, factor)) => LinearSolver::new(Arc::clone(symbolic), Arc::clone(factor), control.clock()),
-            None => LinearSolver::relaxation(control.clock()),
+            Some((symbolic, factor)) => LinearSolver::new(Arc::clone(symbolic), Arc::clone(factor), control),
+            None => LinearSolver::relaxation(control),
         };
         let (mut contact, overlap) = Contact::new(mesh, bodies, self.contact_stiffness);
         let facing_overlap = if mesh.facing.is_empty() { None } else { contact.add_facing(mesh, self.facing_factor) };
@@ -321,6 +321,7 @@ fn limits(settings: &SolveSettings, scale: &Scale) -> Limits {
         penetration_tolerance_mm: settings.penetration_tolerance_mm,
         force_floor_n: FORCE_FLOOR * scale.shear * scale.element_size_mm.powi(2),
         element_size_mm: scale.element_size_mm,
+        mesh_size_mm: scale.mesh_size_mm,
         energy_noise_mj: ENERGY_NOISE * scale.shear * scale.volume,
         linear: settings.model.is_linear(),
         pull_off_mpa: settings.pull_off_mpa,
@@ -421,6 +422,8 @@ struct Scale {
     element_size_mm: f64,
     /// Volume divided by the area of the bone faces, mm.
     thickness_mm: f64,
+    /// Diagonal of the box around the mesh, mm.
+    mesh_size_mm: f64,
 }
 
 impl Scale {
@@ -444,7 +447,8 @@ impl Scale {
             .sum();
         let element_size_mm = (6.0 * 2.0f64.sqrt() * volume / elements).cbrt();
         let thickness_mm = if area > 0.0 { volume / area } else { element_size_mm };
-        Self { volume, shear: shear / volume, modulus: modulus / volume, element_size_mm, thickness_mm }
+        let mesh_size_mm = Aabb::of(&mesh.positions).map_or(0.0, |bounds| (bounds.max - bounds.min).norm());
+        Self { volume, shear: shear / volume, modulus: modulus / volume, element_size_mm, thickness_mm, mesh_size_mm }
     }
 }
 

@@ -121,6 +121,7 @@ impl<'a> Solver<'a> {
         if !t.is_finite() {
             return Err(SolveError::Problem { detail: format!("the path parameter is {t}; it must be finite") });
         }
+        self.equations.watch(control);
         self.equations.state.records.clear();
         let from = self.reached.t;
         let factorisations = self.equations.work.solver().factorisations();
@@ -133,7 +134,7 @@ impl<'a> Solver<'a> {
             let goal =
                 if length >= remaining.abs() * (1.0 - 1e-9) { t } else { self.reached.t + length * remaining.signum() };
             let before = self.equations.state.records.len();
-            match self.substep_to(goal, motions, control) {
+            match self.substep_to(goal, motions) {
                 Ok(found) => {
                     progress.substeps += 1;
                     progress.iterations += found.iterations;

@@ -3,6 +3,7 @@
 use super::contact::{Contact, PairIndex};
 use super::report::IterationRecord;
 use super::springs::Springs;
+use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Vector};
 
 /// An equilibrium at path parameter `t`.
@@ -40,6 +41,8 @@ pub(super) struct PathState<'a> {
     pub(super) purpose: Purpose,
     /// Whether contact is solved on the condensed system before each Newton direction.
     pub(super) uses_condensed: bool,
+    /// Stop flag and deadline of the present step.
+    pub(super) control: Control,
     /// Newton iterations of the present step.
     pub(super) records: Vec<IterationRecord>,
     /// The last iterate of Newton's method when it failed; otherwise empty.
@@ -57,6 +60,7 @@ impl<'a> PathState<'a> {
             load_share: 0.0,
             purpose: Purpose::default(),
             uses_condensed: true,
+            control: Control::new(),
             records: Vec::new(),
             failed_at: Vec::new(),
         }

@@ -12,7 +12,6 @@ use super::tuning::{
     CONTACT_MOTION_MARGIN, CONTACT_REACH_MM, MAX_CONTACT_MOTION_MM, MAX_FACING_MOTION_MM, MAX_RELEASES,
     PASSAGE_MOTION_MM,
 };
-use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Vector, Warning};
 
 impl Solver<'_> {
@@ -21,7 +20,6 @@ impl Solver<'_> {
         &mut self,
         goal: f64,
         motions: &dyn Fn(f64) -> Vec<(u32, Motion)>,
-        control: &Control,
     ) -> Result<Equilibrium, Failure> {
         let listed = motions(goal);
         let body_motions = self.body_motions(&listed);
@@ -41,12 +39,16 @@ impl Solver<'_> {
         let mut rounds = 0;
         let attempt = loop {
             let motion_of = |segment| motion_of(&listed, segment);
-            let attempt = self.attempt(target, &along_path, length_mm, &motion_of, control);
+            let attempt = self.attempt(target, &along_path, length_mm, &motion_of);
             let Ok((x, _)) = &attempt else { break attempt };
             if let Some(found_mm) = self.equations.state.contact.facing_passage(&self.reached.x, x) {
                 break Err(Failure::Penetration { found_mm });
             }
             let passages = self.passages(x, &before, &body_motions);
+            // Those found are not all when the search was cancelled.
+            if self.equations.state.control.is_cancelled() {
+                break Err(Failure::Cancelled);
+            }
             if let Some(p) =
                 passages.iter().find(|p| !p.round_a_rim && moved_mm(p, &before, &body_motions) > PASSAGE_MOTION_MM)
             {
@@ -83,17 +85,16 @@ impl Solver<'_> {
         along_path: &dyn Fn(f64) -> Vec<Motion>,
         length_mm: f64,
         motion_of: &dyn Fn(u32) -> Motion,
-        control: &Control,
     ) -> Result<(Vec<Vector>, Equilibrium), Failure> {
         let mut x = predict(&mut self.equations, &self.reached.x, along_path, length_mm, motion_of)?;
-        let found = equilibrate(&mut self.equations, &mut x, target, control)?;
+        let found = equilibrate(&mut self.equations, &mut x, target)?;
         Ok((x, found))
     }
 
     /// Contact points that pass to the other side of a body on the way from the last equilibrium to `x`.
     fn passages(&self, x: &[Vector], before: &[Motion], after: &[Motion]) -> Vec<Passage> {
         let start = Placement { x: &self.reached.x, motions: before };
-        self.equations.state.contact.passages(start, Placement { x, motions: after })
+        self.equations.state.contact.passages(start, Placement { x, motions: after }, &self.equations.state.control)
     }
 
     /// Warns of the first passage of each kind.

@@ -247,6 +247,8 @@ pub(super) const SHARED_ROWS: usize = 1024;
 
 /// Generalised nodes whose forces are summed by one task.
 pub(super) const NODES_PER_TASK: usize = 256;
+/// Elements whose material is tested for ellipticity in one task: a fraction of a millisecond.
+pub(super) const ELEMENTS_PER_TASK: usize = 256;
 /// Parts of the matrix that are filled in parallel.
 pub(super) const MATRIX_PARTS: usize = 8;
 /// Values of element matrices held at once: about 16 MB.
@@ -296,8 +298,8 @@ pub(super) const DEEP_OVERLAP_MM: f64 = 2.0;
 pub(super) const IGNORED_DEPTH_MM: f64 = 0.05;
 /// Smaller depths of free tissue in bone are not reported, mm: about the gap that an edge of a mesh leaves open.
 pub(super) const REPORTED_DEPTH_MM: f64 = 0.5;
-/// Free tissue deeper in bone should be looked at, mm.
-pub(super) const DEEP_FREE_TISSUE_MM: f64 = 3.0;
+/// Free tissue deeper in bone should be looked at, mm: on the default plans of phantom and `ct_head` it is at most 1.5 mm.
+pub(super) const DEEP_FREE_TISSUE_MM: f64 = 2.0;
 
 /// Tetrahedra of a patch: about one volume constraint for each node of the lattice, which has 6 to 12 tetrahedra a node. On
 /// Cook's membrane over a body-centred lattice, small strain, patches of 6 are 1 % stiffer and patches of 12 fill the factor by

@@ -6,7 +6,7 @@ use super::axes::axes_in;
 use super::compliance::RankOne;
 use super::contact::{Contact, ContactPair, Curved};
 use super::coupling::Coupling;
-use super::factor::Indefinite;
+use super::failure::Failure;
 use super::factor_origin::{FactorOrigin, numbers, vectors};
 use super::linear_solve::{LinearSolver, System, Work};
 use super::problem::Problem;
@@ -234,7 +234,7 @@ impl Workspace {
         change: &mut [f64],
         tolerance: f64,
         norm_sq: Option<f64>,
-    ) -> Result<Work, Indefinite> {
+    ) -> Result<Work, Failure> {
         let system = System { values: &self.values, coupling: &self.coupling, elastic: &self.elastic, contact: terms };
         let before = self.solver.factorisations();
         let work = self.solver.solve(problem.pattern(), system, rhs, change, tolerance, norm_sq);

@@ -182,8 +182,8 @@ impl Server {
         }
     }
 
-    /// A session of the phantom with its fields.
-    pub(crate) fn session_with_field(&self) -> String {
+    /// A session of the phantom with its landmarks.
+    pub(crate) fn session_with_surfaces(&self) -> String {
         let session = self.session();
         let head = phantom::head();
         for (part, solid) in [("skin", &head.skin), ("skull", &head.skull)] {
@@ -199,6 +199,12 @@ impl Server {
             "le_fort_1_plane": { "point_mm": [point.x, point.y, point.z], "normal": [normal.x, normal.y, normal.z] },
         });
         self.put_json(&format!("{session}/landmarks"), &landmarks).ok();
+        session
+    }
+
+    /// A session of the phantom with its fields.
+    pub(crate) fn session_with_field(&self) -> String {
+        let session = self.session_with_surfaces();
         let coarse = json!({ "spacing_mm": 2.0, "envelope_spacing_mm": 2.0, "envelope_closing_mm": 4.0 });
         self.put_json(&format!("{session}/field/settings"), &coarse).ok();
         self.finish(&self.post(&format!("{session}/field"), &json!({})));

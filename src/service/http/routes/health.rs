@@ -30,6 +30,7 @@ pub(in crate::http) async fn livez(State(state): State<AppState>) -> Result<&'st
 /// Succeeds when the database answers, the bucket accepts this process and the values that its jobs write, and the service is
 /// not stopping. An unreachable bucket does not count: requests that need no bucket are answered, and jobs wait. Fails with
 /// `storage-full` when the disk has less room than the setting `min_free_mb`; the answer says it before, below four times that.
+/// Fails while a computation has ignored its stop for more than two seconds, because other jobs wait for its threads.
 #[utoipa::path(get, path = "/readyz", operation_id = "ready", tag = "health", responses((status = 200, description = "Ready.", body = String)))]
 pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<String, Problem> {
     if state.service.is_draining() {
@@ -39,6 +40,10 @@ pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<Str
     state.service.store().check_room()?;
     if state.service.is_refused() {
         return Err(Problem::new(FaultKind::StoreRefuses, "the bucket refuses writes of jobs; the log has its answer"));
+    }
+    if state.service.is_held() {
+        let detail = "a stopped computation still holds threads of the jobs; if it ignores the stop for a minute, the process ends";
+        return Err(Problem::new(FaultKind::Internal, detail));
     }
     Ok(match state.service.store().free_room()? {
         Some(free) if free.is_low_after(0) => format!(
@@ -64,6 +69,7 @@ pub(in crate::http) async fn metrics(State(state): State<AppState>) -> Response 
         metrics::gauge!("prosopon_jobs_running", "lane" => lane.as_str()).set(state.service.running_in(lane) as f64);
         waiting_in_all += waiting;
     }
+    metrics::gauge!("prosopon_jobs_ignoring_stop").set(state.service.ignoring_stop() as f64);
     metrics::gauge!("prosopon_jobs_waiting").set(waiting_in_all);
     if let Ok(Some(free)) = state.service.store().free_room() {
         metrics::gauge!("prosopon_disk_free_bytes").set(free.bytes as f64);

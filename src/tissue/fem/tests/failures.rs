@@ -187,7 +187,7 @@ fn too_large_rotations_of_a_linear_model_and_locking_elements_are_reported() {
         let found = report.warnings.into_iter().find(|w| w.message.contains("fat is above"));
         found.map(|w| (w.code, w.severity))
     };
-    assert_eq!(locks(0.499, Locking::None), Some(("stiff-elements", Severity::Info)));
+    assert_eq!(locks(0.499, Locking::None), Some(("stiff-elements", Severity::Check)));
     assert_eq!(locks(0.499, Locking::Smoothed), None);
     assert_eq!(locks(0.4999, Locking::Smoothed), Some(("stiff-smoothed-elements", Severity::Check)));
     assert_eq!(locks(0.4999, Locking::Patched), None);

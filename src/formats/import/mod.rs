@@ -41,6 +41,7 @@ mod obj;
 mod ply;
 mod polygon;
 mod raw_surface;
+mod stated;
 mod stl;
 mod surface;
 #[cfg(test)]
@@ -54,6 +55,7 @@ mod volume_settings;
 mod vtu;
 
 pub use error::{ImportError, Limits};
+pub(crate) use stated::LPS_MARKER;
 pub use surface::{SurfaceFormat, detect_surface, surface};
 pub use volume::{detect_volume, volume, volume_with};
 pub use volume_check::VolumeCheck;

@@ -5,8 +5,9 @@
 //! they may state counts, sizes and positions.
 //!
 //! Each format has one module. A surface reader turns bytes into unchecked vertices and triangles; `raw_surface` then does
-//! what all formats share: it checks ranges and the plausible size and drops unused vertices and triangles with a repeated
-//! vertex.
+//! what all formats share: it checks ranges and the plausible size, converts what the file states of its coordinates to LPS and
+//! mm, makes equal positions one vertex, drops unused vertices and triangles that repeat a vertex or another triangle, and turns
+//! triangles outwards.
 //!
 //! # Adding a surface format
 //! 1. Write a module with `looks_like` and `read`, which returns a `RawSurface`.

@@ -134,9 +134,8 @@ fn direction(word: &[u8]) -> Option<u8> {
 
 /// The coordinate system that is stated at the beginning of `tokens`.
 pub(super) fn stated(tokens: &[Token<'_>]) -> Option<FrameWords> {
-    // `RAS coordinates`: in capitals, since some codes are words (`sap`, `lip`).
-    let capitals = tokens.first()?.word().is_some_and(|word| word.iter().all(u8::is_ascii_uppercase));
-    if capitals && let Some(frame) = Frame::named(tokens) {
+    // `RAS coordinates`.
+    if let Some(frame) = Frame::named(tokens).filter(|frame| is_certain(*frame, tokens)) {
         let noun = tokens.get(1..).is_some_and(|after| NOUNS.iter().any(|noun| begins_with(after, &[noun])));
         return noun.then_some(FrameWords::Known(frame));
     }
@@ -147,12 +146,17 @@ pub(super) fn stated(tokens: &[Token<'_>]) -> Option<FrameWords> {
         value => (value, false),
     };
     if let Some(frame) = Frame::named(value) {
-        // Without `=` or `:` a word such as `sap` or `lip` is no code.
-        let is_code =
-            is || !matches!(value, [Token::Word(w), ..] if w.len() == 3 && !w.iter().all(u8::is_ascii_uppercase));
+        let is_code = is && (*is_clear || *key == ["space"]) || is_certain(frame, value);
         return is_code.then_some(FrameWords::Known(frame));
     }
     // 3D Slicer's key in capitals is no other thing, such as a colour space.
     let is_clear = *is_clear || matches!(tokens, [Token::Word(b"SPACE"), ..]);
     (is && is_clear).then_some(FrameWords::Unknown)
+}
+
+/// Whether the words are no other thing: written out, or a common code in capitals. Others are words too (AIR, LIP, SLA).
+fn is_certain(frame: Frame, words: &[Token<'_>]) -> bool {
+    const COMMON: [&str; 3] = ["RAS", "LPS", "LAS"];
+    let first = words.first().and_then(|t| t.word()).unwrap_or_default();
+    first.len() > 3 || COMMON.contains(&frame.name().as_str()) && first.iter().all(u8::is_ascii_uppercase)
 }

@@ -1,6 +1,6 @@
 //! One vertex for each position.
 
-use std::hash::BuildHasher;
+use std::hash::{BuildHasher, Hasher};
 
 use hashbrown::{DefaultHashBuilder, HashTable};
 
@@ -27,9 +27,18 @@ impl Welder {
     /// The number of a position. NaN equals nothing.
     pub fn number(&mut self, position: Point) -> u32 {
         let Self { positions, numbers, hasher } = self;
-        // Adding zero makes -0 equal to 0.
-        let hash = |p: &Point| hasher.hash_one([p.x + 0.0, p.y + 0.0, p.z + 0.0].map(f64::to_bits));
-        let same = |n: &u32| positions[*n as usize] == position;
+        // Adding zero makes -0 equal to 0. Number by number, since that is inlined.
+        let hash = |p: &Point| {
+            let mut hasher = hasher.build_hasher();
+            for x in [p.x, p.y, p.z] {
+                hasher.write_u64((x + 0.0).to_bits());
+            }
+            hasher.finish()
+        };
+        let same = |n: &u32| {
+            let p = &positions[*n as usize];
+            p.x == position.x && p.y == position.y && p.z == position.z
+        };
         if let Some(n) = numbers.find(hash(&position), same) {
             return *n;
         }

@@ -25,7 +25,8 @@ pub use grid::ScalarGrid;
 pub use implicit::Implicit;
 pub use solid::not_solid_reason;
 pub use surface::{
-    TopologyFaults, decimate, decimate_with, drop_small_parts, isosurface, largest_part, parts, smooth, submesh,
+    Mending, TopologyFaults, Welder, decimate, decimate_with, drop_small_parts, isosurface, largest_part, mend, parts,
+    smooth, submesh,
 };
 pub use surface_report::{SurfaceReport, surface_report};
 pub use trimesh::{Aabb, GeometryError, TriMesh};

@@ -1,8 +1,11 @@
 //! Triangles of one surface that cross each other.
 
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
+
 use parry3d_f64::bounding_volume::Aabb as Bounds;
 use parry3d_f64::math::Vector as Corner;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
+use rayon::prelude::*;
 
 use super::triangle_intersection::{segment_meets, triangles_meet};
 use super::{Point, TriMesh};
@@ -19,28 +22,33 @@ const MAX_PAIRS: usize = 100;
 /// not count; two copies of one triangle do. These are VCGlib's rules, so that counts compare with MeshLab's.
 pub(super) fn crossing_triangles(mesh: &TriMesh) -> Option<Vec<bool>> {
     let triangles = mesh.triangles();
-    let boxes: Vec<Bounds> = (0..triangles.len())
-        .map(|t| {
-            let [a, b, c] = mesh.corners(t);
-            let corner = |p: Point| Corner::new(p.x, p.y, p.z);
-            Bounds::new(corner(a.inf(&b).inf(&c)), corner(a.sup(&b).sup(&c)))
-        })
-        .collect();
-    let tree = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
-    let mut budget = triangles.len().saturating_mul(MAX_PAIRS);
-    let mut crosses = vec![false; triangles.len()];
-    for (one, bounds) in boxes.iter().enumerate() {
-        for other in tree.intersect_aabb(bounds) {
+    // Made anew for each query: a list of them takes as much memory as the mesh.
+    let bounds = |t: usize| {
+        let [a, b, c] = mesh.corners(t);
+        let corner = |p: Point| Corner::new(p.x, p.y, p.z);
+        Bounds::new(corner(a.inf(&b).inf(&c)), corner(a.sup(&b).sup(&c)))
+    };
+    let tree = Bvh::from_iter(BvhBuildStrategy::Binned, (0..triangles.len()).map(|t| (t, bounds(t))));
+    let budget = triangles.len().saturating_mul(MAX_PAIRS);
+    let pairs = AtomicUsize::new(0);
+    let crosses: Vec<AtomicBool> = triangles.iter().map(|_| AtomicBool::new(false)).collect();
+    let is_marked = |t: usize| crosses[t].load(Relaxed);
+    // Marks are only ever set, and a pair is left out only when both its triangles are marked: the result does not depend on
+    // the order, nor does whether the number of pairs exceeds the budget.
+    (0..triangles.len()).into_par_iter().with_min_len(1024).try_for_each(|one| {
+        let mut found = 0;
+        for other in tree.intersect_aabb(&bounds(one)) {
             let other = other as usize;
-            budget = budget.checked_sub(1)?;
-            // Tests each pair once, and none whose triangles are both marked already.
-            if other > one && !(crosses[one] && crosses[other]) && cross(mesh, one, other) {
-                crosses[one] = true;
-                crosses[other] = true;
+            found += 1;
+            // Tests each pair once.
+            if other > one && !(is_marked(one) && is_marked(other)) && cross(mesh, one, other) {
+                crosses[one].store(true, Relaxed);
+                crosses[other].store(true, Relaxed);
             }
         }
-    }
-    Some(crosses)
+        (pairs.fetch_add(found, Relaxed) + found <= budget).then_some(())
+    })?;
+    Some(crosses.into_iter().map(AtomicBool::into_inner).collect())
 }
 
 fn cross(mesh: &TriMesh, one: usize, other: usize) -> bool {

@@ -1,4 +1,4 @@
-use super::connectivity::{Sets, sides};
+use super::connectivity::{Edges, Sets};
 use super::self_intersection::crossing_triangles;
 use super::{Aabb, TriMesh};
 
@@ -56,8 +56,10 @@ pub struct SurfaceReport {
 /// ```
 #[must_use]
 pub fn surface_report(mesh: &TriMesh) -> SurfaceReport {
-    let (crossing, (edges, (components, duplicate_triangles))) =
-        rayon::join(|| crossing_triangles(mesh), || (EdgeCounts::of(mesh), (components(mesh), duplicates(mesh))));
+    // One after the other: each takes as much memory as the mesh or more.
+    let edges = EdgeCounts::of(mesh);
+    let (components, duplicate_triangles) = (components(mesh), duplicates(mesh));
+    let crossing = crossing_triangles(mesh);
     let EdgeCounts { boundary, boundary_loops, nonmanifold, inconsistent } = edges;
     SurfaceReport {
         triangles: mesh.triangles().len(),
@@ -89,15 +91,14 @@ impl EdgeCounts {
         let mut holes = Sets::new(mesh.positions().len());
         let mut rim = Vec::new();
         let [mut nonmanifold, mut inconsistent] = [0; 2];
-        let sides = sides(mesh);
-        for edge in sides.chunk_by(|a, b| a.edge == b.edge).filter(|same| same[0].edge[0] != same[0].edge[1]) {
-            match edge {
-                [side] => {
-                    let [a, b] = side.edge;
+        let edges = Edges::of(mesh.positions().len(), mesh.triangles());
+        for ([a, b], sides) in edges.iter().filter(|([a, b], _)| a != b) {
+            match sides {
+                [_] => {
                     holes.join(a, b);
                     rim.push(a);
                 }
-                [one, other] => inconsistent += usize::from(one.forward == other.forward),
+                [one, other] => inconsistent += usize::from(one.forward() == other.forward()),
                 _ => nonmanifold += 1,
             }
         }

@@ -107,6 +107,12 @@ impl TriMesh {
         Ok(Self { positions, triangles })
     }
 
+    /// The vertex positions, LPS mm, and the vertex indices of each triangle.
+    #[must_use]
+    pub fn into_parts(self) -> (Vec<Point>, Vec<[u32; 3]>) {
+        (self.positions, self.triangles)
+    }
+
     /// Vertex positions, LPS mm.
     #[must_use]
     pub fn positions(&self) -> &[Point] {

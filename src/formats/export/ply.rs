@@ -1,9 +1,10 @@
 use super::SurfaceView;
 use super::view::identifier;
+use crate::import::LPS_MARKER;
 
 /// Binary little-endian PLY with scalars (`float`) and colours as vertex properties.
 ///
-/// Coordinates are `double`, so that they come back unchanged.
+/// Coordinates are `double`, so that they come back unchanged. A comment states `SPACE=LPS`, which 3D Slicer reads too.
 ///
 /// ```
 /// use prosopon_formats::export::{SurfaceView, ply};
@@ -27,7 +28,7 @@ pub fn ply(surface: &SurfaceView<'_>) -> Vec<u8> {
     surface.assert_lengths();
     let (positions, triangles) = (surface.mesh.positions(), surface.mesh.triangles());
     let mut header = format!(
-        "ply\nformat binary_little_endian 1.0\ncomment Prosopon, LPS, mm\nelement vertex {}\n\
+        "ply\nformat binary_little_endian 1.0\ncomment Prosopon. {LPS_MARKER} UNIT=mm\nelement vertex {}\n\
          property double x\nproperty double y\nproperty double z\n",
         positions.len()
     );

@@ -1,12 +1,15 @@
+use crate::import::LPS_MARKER;
 use prosopon_geometry::TriMesh;
 
 /// Binary STL with coordinates as `f32`; the format holds neither scalars nor colours.
+///
+/// The comment states `SPACE=LPS`, which 3D Slicer reads too.
 #[must_use]
 pub fn stl(mesh: &TriMesh) -> Vec<u8> {
     let n = mesh.triangles().len();
     let mut bytes = Vec::with_capacity(84 + 50 * n);
     // The comment must not begin with "solid", or readers would take the file for text.
-    bytes.extend(b"Prosopon, LPS, mm");
+    bytes.extend(format!("Prosopon. {LPS_MARKER} UNIT=mm").bytes());
     bytes.resize(80, 0);
     bytes.extend((n as u32).to_le_bytes());
     for t in 0..n {

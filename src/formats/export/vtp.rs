@@ -1,10 +1,11 @@
 use super::SurfaceView;
 use super::vtu::VtkXmlWriter;
+use crate::import::LPS_MARKER;
 
 /// A VTP file (VTK's XML format of polygons) of a surface, with raw appended data.
 ///
 /// Coordinates are `Float64`, scalars are `Float32` point arrays, and colours, if any, are the point array `colour` of three
-/// `UInt8`.
+/// `UInt8`. The field array `SPACE` is `LPS`, which 3D Slicer reads too.
 ///
 /// # Panics
 /// When scalars or colours do not have exactly one value per vertex.
@@ -13,9 +14,13 @@ pub fn vtp(surface: &SurfaceView<'_>) -> Vec<u8> {
     surface.assert_lengths();
     let (positions, triangles) = (surface.mesh.positions(), surface.mesh.triangles());
     let mut file = VtkXmlWriter::default();
+    let (name, space) = LPS_MARKER.split_once('=').unwrap_or_default();
+    // VTK's text arrays in XML hold the codes of the characters and a zero.
+    let codes: String = space.bytes().map(|c| format!("{c} ")).collect();
     file.xml(&format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"1.0\" byte_order=\"LittleEndian\" \
-         header_type=\"UInt64\">\n<PolyData>\n<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"0\" \
+         header_type=\"UInt64\">\n<PolyData>\n<FieldData>\n<Array type=\"String\" Name=\"{name}\" \
+         NumberOfTuples=\"1\" format=\"ascii\">\n{codes}0\n</Array>\n</FieldData>\n<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"0\" \
          NumberOfStrips=\"0\" NumberOfPolys=\"{}\">\n<Points>\n",
         positions.len(),
         triangles.len()

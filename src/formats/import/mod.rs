@@ -5,8 +5,9 @@
 //! they may state counts, sizes and positions.
 //!
 //! Each format has one module. A surface reader turns bytes into unchecked vertices and triangles; `raw_surface` then does
-//! what all formats share: it checks ranges and the plausible size and drops unused vertices and triangles with a repeated
-//! vertex.
+//! what all formats share: it checks ranges and the plausible size, converts what the file states of its coordinates to LPS and
+//! mm, makes equal positions one vertex, drops unused vertices and triangles that repeat a vertex or another triangle, and turns
+//! triangles outwards.
 //!
 //! # Adding a surface format
 //! 1. Write a module with `looks_like` and `read`, which returns a `RawSurface`.
@@ -41,6 +42,7 @@ mod obj;
 mod ply;
 mod polygon;
 mod raw_surface;
+mod stated;
 mod stl;
 mod surface;
 #[cfg(test)]
@@ -54,6 +56,7 @@ mod volume_settings;
 mod vtu;
 
 pub use error::{ImportError, Limits};
+pub(crate) use stated::LPS_MARKER;
 pub use surface::{SurfaceFormat, detect_surface, surface};
 pub use volume::{detect_volume, volume, volume_with};
 pub use volume_check::VolumeCheck;

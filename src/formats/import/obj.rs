@@ -4,6 +4,7 @@
 
 use super::error::{at_most, malformed};
 use super::raw_surface::{Faces, RawSurface};
+use super::stated::Stated;
 use super::text::number;
 use super::{ImportError, Limits};
 use prosopon_geometry::Point;
@@ -14,20 +15,29 @@ const FORMAT: &str = "OBJ";
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
     const STATEMENTS: [&[u8]; 9] = [b"v", b"vn", b"vt", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl"];
     let is_comment = |line: &&[u8]| line.is_empty() || line.starts_with(b"#");
-    let statement = bytes.split(|&c| c == b'\n').map(<[u8]>::trim_ascii).find(|line| !is_comment(line));
+    let statement = bytes.split(|&c| c == b'\n' || c == b'\r').map(<[u8]>::trim_ascii).find(|line| !is_comment(line));
     let word = statement.and_then(|line| line.split(u8::is_ascii_whitespace).next());
     word.is_some_and(|word| STATEMENTS.contains(&word))
 }
 
-/// Reads `v` and `f` statements. A backslash at the end of a line joins it with the next.
+/// Reads `v` and `f` statements, and what comments state about the coordinates.
+///
+/// A `#` ends a statement. A backslash at the end of a line, or before its comment, joins it with the next.
 pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<RawSurface, ImportError> {
     let max_vertices = limits.max_triangles.saturating_mul(3);
     let mut positions = Vec::new();
     let mut faces = Faces::new(FORMAT, limits);
     let mut corners = Vec::new();
     let mut statement = Vec::new();
-    for (line, text) in (1u64..).zip(bytes.split(|&c| c == b'\n')) {
-        let text = text.trim_ascii();
+    let mut stated = Stated::default();
+    let line_end = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
+    for (line, text) in (1u64..).zip(bytes.split(|&c| c == line_end)) {
+        let mut parts = text.splitn(2, |&c| c == b'#');
+        let text = parts.next().unwrap_or_default().trim_ascii();
+        if let Some(comment) = parts.next().filter(|_| text.is_empty()) {
+            stated.read(comment);
+            continue;
+        }
         if let Some(start) = text.strip_suffix(b"\\") {
             statement.extend_from_slice(start);
             statement.push(b' ');
@@ -62,7 +72,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<RawSurface, ImportEr
     if !statement.is_empty() {
         return Err(malformed(FORMAT, "the last line is continued, but nothing follows: cut off"));
     }
-    Ok(faces.finish(positions))
+    Ok(RawSurface { stated, ..faces.finish(positions) })
 }
 
 /// The position `x y z`; a weight or a colour may follow.
@@ -93,12 +103,26 @@ mod tests {
 
     #[test]
     fn indices_of_all_kinds_continued_lines_and_quads() {
-        let text = "# c\no a\nv 0 0 0 1\r\nv 100 0 0\nv 100 100 0 0.1 0.2 0.3\nv 0 \\\n 100 0\nvn 0 0 1\nf 1//1 2//1 3//1\nf -4/1 -2 -1/2/3\ng b\nf 1 2 3 4\n";
+        let text = "# c\no a\nv 0 0 0 1\r\nv 100 0 0\nv 100 100 0 0.1 0.2 0.3\nv 0 \\\n 100 0\nvn 0 0 1\nf 1//1 2//1 3//1\nf -4/1 -2 -1/2/3\ng b\n";
         let (mesh, warnings) = read_text(text).unwrap();
-        assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3]]);
+        assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 2, 3]]);
         assert_eq!(mesh.positions()[3], Point::new(0.0, 100.0, 0.0));
+        assert!(warnings.is_empty(), "{warnings:?}");
+        let (mesh, warnings) = read_text(&(text.split("f ").next().unwrap().to_owned() + "f 1 2 3 4\n")).unwrap();
+        assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 2, 3]]);
         assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["split-polygons"]);
         assert!(warnings[0].message.starts_with("1 faces"), "{warnings:?}");
+    }
+
+    #[test]
+    fn a_comment_ends_a_statement_and_lines_end_in_any_way() {
+        let text =
+            "# first\nv 0 0 0#a\nv 100 0 0 # b \\\nv 0 100 \\ # c\n# d\n0#e\ng #f\nf 1 2 3 # comment\n#f 1 1 1\n";
+        for text in [text.to_owned(), text.replace('\n', "\r"), text.replace('\n', "\r\n"), format!("\u{feff}{text}")] {
+            assert_eq!(crate::import::detect_surface(text.as_bytes()), Some(SurfaceFormat::Obj));
+            let (mesh, warnings) = read_text(&text).unwrap();
+            assert_eq!((mesh.triangles(), warnings), (&[[0, 1, 2]][..], vec![]), "{text:?}");
+        }
     }
 
     #[test]

@@ -1,3 +1,4 @@
+use super::text::without_mark;
 use super::{ImportError, Limits, obj, ply, stl, vtu};
 use prosopon_geometry::{TriMesh, Warning};
 
@@ -30,6 +31,7 @@ impl SurfaceFormat {
 /// Guesses the format of a surface from its bytes; `None` when no format fits.
 #[must_use]
 pub fn detect_surface(bytes: &[u8]) -> Option<SurfaceFormat> {
+    let bytes = if stl::is_whole_binary(bytes) { bytes } else { without_mark(bytes) };
     // PLY begins with its name. The comment of a binary STL may begin with anything, such as a word of XML or OBJ, so its length
     // is compared with its count before these are tried. OBJ is last: any text whose first statement is one of its words fits.
     if ply::looks_like(bytes) {
@@ -45,11 +47,15 @@ pub fn detect_surface(bytes: &[u8]) -> Option<SurfaceFormat> {
     }
 }
 
-/// Reads a surface; coordinates are taken as LPS mm.
+/// Reads a surface; coordinates are taken as LPS mm unless the file states otherwise.
 ///
-/// Returns the mesh and warnings about changes (for example polygons that were split) and doubtful content. Triangles with
-/// a repeated vertex and unused vertices are left out. STL corners at the same coordinates are merged without a warning,
-/// because the format stores no shared vertices.
+/// A coordinate system or unit that the header, a comment or a field array states (`SPACE=RAS`, `units: m`) is converted to LPS
+/// and mm. Vertices at the same position become one; so do those at open edges within 0.001 % of the surface's diagonal.
+/// Triangles with a repeated vertex, triangles that repeat others and unused vertices are left out. Triangles that face inwards
+/// or against their neighbours are turned.
+///
+/// Returns the mesh and warnings about these changes, others (such as polygons that were split) and doubtful content. STL
+/// corners at the same coordinates are merged without a warning, because the format stores no shared vertices.
 ///
 /// An OBJ file has no end mark: a file that is cut off between two lines is read as a smaller surface.
 ///
@@ -75,6 +81,7 @@ pub fn surface(bytes: &[u8], format: SurfaceFormat, limits: &Limits) -> Result<(
     if bytes.is_empty() {
         return Err(ImportError::Empty);
     }
+    let bytes = if stl::is_whole_binary(bytes) { bytes } else { without_mark(bytes) };
     let raw = match format {
         SurfaceFormat::Stl => stl::read(bytes, limits)?,
         SurfaceFormat::Ply => ply::read(bytes, limits)?,

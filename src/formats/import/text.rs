@@ -1,6 +1,6 @@
 //! Words of a text file.
 
-/// Iterates over words separated by white space and counts lines.
+/// Iterates over words separated by white space and counts lines, which end with LF, CR LF or CR.
 #[derive(Debug)]
 pub(super) struct Words<'a> {
     rest: &'a [u8],
@@ -19,7 +19,8 @@ impl<'a> Words<'a> {
             if !first.is_ascii_whitespace() {
                 break;
             }
-            self.line = self.line.saturating_add(u64::from(*first == b'\n'));
+            let ends = *first == b'\n' || *first == b'\r' && tail.first() != Some(&b'\n');
+            self.line = self.line.saturating_add(u64::from(ends));
             self.rest = tail;
         }
         let end = self.rest.iter().position(u8::is_ascii_whitespace).unwrap_or(self.rest.len());
@@ -33,15 +34,17 @@ impl<'a> Words<'a> {
         number(self.next()?)
     }
 
-    /// Skips the rest of the line.
-    pub(super) fn skip_line(&mut self) {
-        let end = self.rest.iter().position(|&c| c == b'\n').unwrap_or(self.rest.len());
-        self.rest = self.rest.split_at(end).1;
+    /// Takes the rest of the line.
+    pub(super) fn rest_of_line(&mut self) -> &'a [u8] {
+        let end = self.rest.iter().position(|&c| is_line_end(c)).unwrap_or(self.rest.len());
+        let (line, rest) = self.rest.split_at(end);
+        self.rest = rest;
+        line
     }
 
     /// Whether the rest of the line holds no word.
     pub(super) fn line_is_done(&self) -> bool {
-        self.rest.iter().find(|c| **c == b'\n' || !c.is_ascii_whitespace()).is_none_or(|c| *c == b'\n')
+        self.rest.iter().find(|c| is_line_end(**c) || !c.is_ascii_whitespace()).is_none_or(|c| is_line_end(*c))
     }
 
     /// Number of bytes left, without leading and trailing white space.
@@ -53,6 +56,15 @@ impl<'a> Words<'a> {
     pub(super) fn line(&self) -> u64 {
         self.line
     }
+}
+
+fn is_line_end(c: u8) -> bool {
+    c == b'\n' || c == b'\r'
+}
+
+/// The bytes without the mark of UTF-8 that some editors put at the beginning of a text.
+pub(super) fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }
 
 /// The number that `word` spells; it may be NaN or infinite.
@@ -70,7 +82,7 @@ mod tests {
         assert_eq!((words.next(), words.line()), (Some(&b"a"[..]), 1));
         assert_eq!((words.next(), words.line()), (Some(&b"b"[..]), 1));
         assert_eq!((words.next(), words.line()), (Some(&b"skip"[..]), 2));
-        words.skip_line();
+        assert_eq!(words.rest_of_line(), b" this");
         assert_eq!((words.next_number(), words.line()), (Some(-15.0), 3));
         assert_eq!(words.next(), None);
     }

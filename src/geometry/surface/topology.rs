@@ -1,7 +1,7 @@
 //! Checks whether a triangle mesh is a closed two-manifold.
 
 use crate::TriMesh;
-use crate::connectivity::{Side, sides};
+use crate::connectivity::{Edges, Side};
 
 /// Counts of the faults that keep a mesh from being a closed, oriented two-manifold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -35,7 +35,7 @@ impl TopologyFaults {
     }
 
     fn count_edges(&mut self, mesh: &TriMesh) {
-        for group in sides(mesh).chunk_by(|a, b| a.edge == b.edge) {
+        for (_, group) in Edges::of(mesh.positions().len(), mesh.triangles()).iter() {
             match (group.len(), runs_both_ways(group)) {
                 (1, _) => self.boundary_edges += 1,
                 (2, true) => {}
@@ -46,14 +46,14 @@ impl TopologyFaults {
 }
 
 fn runs_both_ways(group: &[Side]) -> bool {
-    group.iter().filter(|side| side.forward).count() == 1
+    group.iter().filter(|side| side.forward()).count() == 1
 }
 
 /// Vertices on a boundary or non-manifold edge, and vertices whose triangles do not form a single fan; may hold duplicates.
 pub(super) fn irregular_vertices(mesh: &TriMesh) -> Vec<u32> {
-    let sides = sides(mesh);
-    let faulty = sides.chunk_by(|a, b| a.edge == b.edge).filter(|g| g.len() != 2 || !runs_both_ways(g));
-    let mut found: Vec<u32> = faulty.flat_map(|g| g[0].edge).collect();
+    let edges = Edges::of(mesh.positions().len(), mesh.triangles());
+    let faulty = edges.iter().filter(|(_, sides)| sides.len() != 2 || !runs_both_ways(sides));
+    let mut found: Vec<u32> = faulty.flat_map(|(edge, _)| edge).collect();
     found.extend(vertices_without_one_fan(mesh));
     found
 }

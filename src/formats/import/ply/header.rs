@@ -4,6 +4,7 @@ use super::super::ImportError;
 use super::super::error::malformed;
 use super::super::number::NumberType;
 use super::FORMAT;
+use crate::import::stated::Stated;
 
 /// Encoding of the numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,6 +80,8 @@ pub(super) struct Header<'a> {
     pub(super) values: &'a [u8],
     /// Number of the line on which the values begin.
     pub(super) values_line: u64,
+    /// What the comments state about the coordinates.
+    pub(super) stated: Stated,
 }
 
 impl<'a> Header<'a> {
@@ -86,9 +89,16 @@ impl<'a> Header<'a> {
     pub(super) fn read(bytes: &'a [u8]) -> Result<Self, ImportError> {
         let mut elements: Vec<Element> = Vec::new();
         let mut encoding = None;
+        let mut stated = Stated::default();
         let mut rest = bytes;
+        // The first line shows how lines end: with LF, CR LF or CR.
+        let line_end = if bytes.get(3..5).is_some_and(|end| matches!(end, [b'\r', second] if *second != b'\n')) {
+            b'\r'
+        } else {
+            b'\n'
+        };
         for line in 1u64.. {
-            let Some(end) = rest.iter().position(|&c| c == b'\n') else {
+            let Some(end) = rest.iter().position(|&c| c == line_end) else {
                 return Err(malformed(FORMAT, format!("line {line}: cut off before `end_header`")));
             };
             let (text, tail) = rest.split_at(end);
@@ -98,7 +108,8 @@ impl<'a> Header<'a> {
             match *words.as_slice() {
                 [b"ply"] if line == 1 => {}
                 _ if line == 1 => return Err(fault("expected `ply`")),
-                [] | [b"comment" | b"obj_info", ..] => {}
+                [] => {}
+                [b"comment" | b"obj_info", ..] => stated.read(text),
                 [b"format", name, b"1.0"] if encoding.is_none() => {
                     encoding = Some(match name {
                         b"ascii" => Encoding::Ascii,
@@ -113,6 +124,7 @@ impl<'a> Header<'a> {
                     let kind = match name {
                         b"vertex" => ElementKind::Vertex,
                         b"face" => ElementKind::Face,
+                        b"tristrips" => return Err(fault("triangle strips (`tristrips`) are not read: export faces")),
                         _ => ElementKind::Other,
                     };
                     elements.push(Element { kind, count, properties: Vec::new() });
@@ -125,7 +137,7 @@ impl<'a> Header<'a> {
                 [b"end_header"] => {
                     let encoding = encoding.ok_or_else(|| fault("no `format … 1.0` before the end of the header"))?;
                     check(&elements)?;
-                    return Ok(Self { elements, encoding, values: rest, values_line: line.saturating_add(1) });
+                    return Ok(Self { elements, encoding, values: rest, values_line: line.saturating_add(1), stated });
                 }
                 _ => return Err(fault("not a header line of PLY 1.0, or a second `format`")),
             }

@@ -40,7 +40,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<RawSurface, ImportEr
             ElementKind::Other => skip(element, &mut values)?,
         }
     }
-    let mut surface = faces.finish(positions);
+    let mut surface = RawSurface { stated: header.stated, ..faces.finish(positions) };
     if values.left_over() > 0 {
         let found = format!("{} bytes after the last element were ignored", values.left_over());
         surface.warnings.push(Warning::check("bytes-after-elements", found).act("Check that the surface is complete."));

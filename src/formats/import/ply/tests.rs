@@ -94,3 +94,26 @@ fn headers_that_do_not_fit_are_refused() {
         assert!(error.contains(part), "{header}: {error}");
     }
 }
+
+#[test]
+fn a_comment_states_the_coordinate_system_and_lines_may_end_with_cr() {
+    let file = |comment: &str| {
+        format!(
+            "ply\nformat ascii 1.0\n{comment}\nelement vertex 3\nproperty float32 x\nproperty float64 y\nproperty int8 z\nelement face 1\nproperty list uint8 int32 vertex_index\nend_header\n0 0 0\n100 0 0\n0 100 0\n3 0 1 2\n"
+        )
+    };
+    for (comment, x, code) in [
+        ("comment 3D Slicer output. SPACE=RAS", -100.0, Some("stated-frame")),
+        ("obj_info coordinate system: RAS", -100.0, Some("stated-frame")),
+        ("comment SPACE=LPS", 0.0, None),
+        ("comment nothing", 0.0, None),
+    ] {
+        for text in [file(comment), file(comment).replace('\n', "\r\n"), file(comment).replace('\n', "\r")] {
+            let (mesh, warnings) = read(text.as_bytes()).unwrap();
+            assert_eq!(mesh.bounds().min.x, x, "{comment}");
+            assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), Vec::from_iter(code), "{comment}");
+        }
+    }
+    let strips = file("comment a").replace("element face 1", "element tristrips 1");
+    assert!(read(strips.as_bytes()).unwrap_err().to_string().contains("triangle strips"));
+}

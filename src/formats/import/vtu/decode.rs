@@ -6,6 +6,7 @@ use super::FORMAT;
 use super::xml::{Appended, Content, RawArray, VtkXml};
 use crate::import::ImportError;
 use crate::import::error::malformed;
+use crate::import::number::NumberType;
 use crate::import::text::Words;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -14,12 +15,36 @@ use base64::engine::general_purpose::STANDARD;
 pub(super) fn numbers(file: &VtkXml<'_>, array: &RawArray<'_>, at_most: usize) -> Result<Vec<f64>, ImportError> {
     let fault = |detail: &str| malformed(FORMAT, format!("{} {detail}", array.place()));
     let number_type = array.number_type.ok_or_else(|| fault("holds no numbers"))?;
-    let bytes = at_most.saturating_mul(number_type.size());
+    if let Content::Ascii(text) = array.content {
+        return ascii(text, at_most).ok_or_else(|| fault("has a word that is not a number, or too many numbers"));
+    }
+    let content = content(file, array, at_most.saturating_mul(number_type.size()))?;
+    Ok(number_type.all(&content, file.byte_order))
+}
+
+/// The first text of an array of text with at most a few kilobytes.
+///
+/// VTK writes the codes of the characters, each text with a zero at its end; others write the text itself.
+pub(super) fn text(file: &VtkXml<'_>, array: &RawArray<'_>) -> Result<Vec<u8>, ImportError> {
+    const AT_MOST: usize = 4096;
+    let codes = |numbers: Vec<f64>| numbers.into_iter().map(|code| code as u8).collect();
+    let mut text: Vec<u8> = match (array.content, array.number_type) {
+        (Content::Ascii(text), _) => ascii(text, AT_MOST).map_or_else(|| text.trim_ascii().to_vec(), codes),
+        (Content::Base64(_) | Content::Appended(_), None | Some(NumberType::I8 | NumberType::U8)) => {
+            content(file, array, AT_MOST)?
+        }
+        (Content::Base64(_) | Content::Appended(_), Some(_)) => codes(numbers(file, array, AT_MOST)?),
+    };
+    text.truncate(text.iter().position(|c| *c == 0).unwrap_or(text.len()));
+    Ok(text)
+}
+
+/// The bytes of an array that is not plain text; an error when there are more than `bytes`.
+fn content(file: &VtkXml<'_>, array: &RawArray<'_>, bytes: usize) -> Result<Vec<u8>, ImportError> {
+    let fault = |detail: &str| malformed(FORMAT, format!("{} {detail}", array.place()));
     let decoded;
     let stored = match array.content {
-        Content::Ascii(text) => {
-            return ascii(text, at_most).ok_or_else(|| fault("has a word that is not a number, or too many numbers"));
-        }
+        Content::Ascii(text) => text,
         Content::Base64(text) => {
             decoded = base64(text).ok_or_else(|| fault("is not base64"))?;
             decoded.as_slice()
@@ -39,8 +64,7 @@ pub(super) fn numbers(file: &VtkXml<'_>, array: &RawArray<'_>, at_most: usize) -
         },
     };
     let content = if file.zlib { inflate(file, stored, bytes) } else { plain(file, stored, bytes) };
-    let content = content.map_err(fault)?;
-    Ok(number_type.all(&content, file.byte_order))
+    content.map_err(fault)
 }
 
 fn next_offset(file: &VtkXml<'_>, offset: usize) -> Option<usize> {

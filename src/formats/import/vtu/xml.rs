@@ -6,6 +6,7 @@ use super::FORMAT;
 use crate::import::ImportError;
 use crate::import::error::malformed;
 use crate::import::number::{ByteOrder, NumberType};
+use crate::import::stated::Stated;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
@@ -21,6 +22,8 @@ pub(super) enum Section {
     CellData,
     Polys,
     Strips,
+    /// Values of the whole file; of those of a surface only what may state the coordinate system or the unit is kept.
+    FieldData,
 }
 
 /// Supported types of VTK data sets.
@@ -80,6 +83,8 @@ pub(super) struct VtkXml<'a> {
     pub(super) n_strips: usize,
     pub(super) arrays: Vec<RawArray<'a>>,
     pub(super) appended: Option<Appended<'a>>,
+    /// What the comments state about the coordinates.
+    pub(super) stated: Stated,
 }
 
 /// The number type with the VTK name `name`.
@@ -129,6 +134,8 @@ struct Parser<'a> {
     section: Option<Section>,
     /// The inline array that is open.
     open: Option<RawArray<'a>>,
+    /// Whether the parser is within the information on an array, which may stand beside its numbers.
+    in_key: bool,
     pieces: usize,
     expected: Grid,
     is_grid: bool,
@@ -146,8 +153,9 @@ impl<'a> VtkXml<'a> {
             n_strips: 0,
             arrays: Vec::new(),
             appended: None,
+            stated: Stated::default(),
         };
-        let mut parser = Parser { file, section: None, open: None, pieces: 0, expected, is_grid: false };
+        let mut parser = Parser { file, section: None, open: None, in_key: false, pieces: 0, expected, is_grid: false };
         let mut depth = 0usize;
         loop {
             let event = reader.read_event().map_err(|e| {
@@ -185,12 +193,8 @@ impl<'a> VtkXml<'a> {
                 }
                 Event::Eof if depth > 0 => return Err(fault("the XML is cut off")),
                 Event::Eof => break,
-                Event::CData(_)
-                | Event::Comment(_)
-                | Event::Decl(_)
-                | Event::PI(_)
-                | Event::DocType(_)
-                | Event::GeneralRef(_) => {}
+                Event::Comment(text) => parser.file.stated.read(&text.into_inner()),
+                Event::CData(_) | Event::Decl(_) | Event::PI(_) | Event::DocType(_) | Event::GeneralRef(_) => {}
             }
         }
         if !parser.is_grid {
@@ -226,10 +230,13 @@ impl<'a> Parser<'a> {
             b"Strips" => self.section = Some(Section::Strips),
             // Points and lines are not part of a surface.
             b"Verts" | b"Lines" => self.section = None,
+            b"FieldData" => self.section = (self.expected == Grid::PolyData).then_some(Section::FieldData),
+            b"InformationKey" => self.in_key = form == TagForm::Open,
+            b"DataArray" | b"Array" if self.section == Some(Section::FieldData) => self.field_array(tag, form),
             b"DataArray" | b"Array" => self.array(tag, form)?,
             _ => {}
         }
-        if form == TagForm::Empty && tag.name().as_ref() != b"DataArray" {
+        if form == TagForm::Empty && !matches!(tag.name().as_ref(), b"DataArray" | b"Array" | b"InformationKey") {
             self.section = None;
         }
         Ok(())
@@ -298,8 +305,17 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
+    /// Takes a field array that may state the coordinate system or the unit. Faults in others do not matter.
+    fn field_array(&mut self, tag: &BytesStart<'_>, form: TagForm) {
+        let name = attribute(tag, "Name").ok().flatten().unwrap_or_default();
+        if Stated::is_name(&name) && self.array(tag, form).is_err() {
+            self.file.stated.read_value(&name, b"?");
+        }
+    }
+
     fn text(&mut self, text: &'a [u8]) {
         if let Some(array) = &mut self.open
+            && !self.in_key
             && !text.trim_ascii().is_empty()
         {
             array.content = match array.content {
@@ -316,7 +332,10 @@ impl<'a> Parser<'a> {
                     self.file.arrays.push(array);
                 }
             }
-            b"Points" | b"Cells" | b"PointData" | b"CellData" | b"Polys" | b"Strips" => self.section = None,
+            b"InformationKey" => self.in_key = false,
+            b"Points" | b"Cells" | b"PointData" | b"CellData" | b"Polys" | b"Strips" | b"FieldData" => {
+                self.section = None;
+            }
             _ => {}
         }
     }

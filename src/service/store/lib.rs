@@ -50,7 +50,7 @@ mod tenant;
 mod upload;
 
 pub use answer::{AnswerRecord, StoredAnswer};
-pub use audit::{Audit, AuditEntry, AuditFault, AuditReport, verify_audit};
+pub use audit::{Audit, AuditEntry, AuditFault, AuditReport, SetBack, verify_audit};
 pub use backup::{BackupReport, back_up};
 pub use blobs::Blobs;
 pub use changes::Changes;

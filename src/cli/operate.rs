@@ -99,6 +99,8 @@ pub(super) struct ScrubArguments {
     /// Data directory of the service, which may be running.
     #[arg(long, env = "PROSOPON_DATA")]
     data: PathBuf,
+    #[command(flatten)]
+    keys: KeySource,
 }
 
 /// Options of `prosopon restore`.
@@ -227,7 +229,8 @@ fn report_backup(report: BackupReport, encrypted: bool) -> CommandResult {
 }
 
 pub(super) fn scrub_store(arguments: &ScrubArguments) -> CommandResult {
-    let found = runtime()?.block_on(scrub(&arguments.data))?;
+    let keys = encryption_keys(arguments.keys.config.as_deref())?;
+    let found = runtime()?.block_on(scrub(&arguments.data, &keys))?;
     writeln!(std::io::stdout(), "{} values, {} bytes", found.values, found.bytes)?;
     if found.unsealed > 0 {
         writeln!(std::io::stdout(), "{} of them have no seal: an earlier version wrote them", found.unsealed)?;

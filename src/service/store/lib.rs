@@ -31,6 +31,7 @@ mod job;
 mod job_state;
 mod key_marks;
 mod location;
+mod look;
 mod measured;
 mod mesh_blob;
 mod meta;
@@ -65,6 +66,7 @@ pub use job::{
 };
 pub use job_state::JobState;
 pub use location::{BucketUrl, DatabaseUrl, StoreLocation};
+pub use look::{Clocks, Look};
 pub use mesh_blob::{decode_mesh, encode_mesh};
 pub use meta::MetaStore;
 pub use part::{PartKind, PartRecord};

@@ -9,7 +9,9 @@ use super::CommandResult;
 use super::serve::ServeArguments;
 use prosopon_service::config::encryption_keys;
 use prosopon_service::http::auth::{ApiKey, Scope, Scopes, new_key};
-use prosopon_store::{AuditEntry, BackupReport, DatabaseUrl, Keyring, back_up, restore, scrub, verify_audit};
+use prosopon_store::{
+    AuditEntry, AuditReport, BackupReport, DatabaseUrl, Keyring, SetBack, back_up, restore, scrub, verify_audit,
+};
 
 /// Subcommands of `prosopon config`.
 #[derive(Debug, Subcommand)]
@@ -97,6 +99,8 @@ pub(super) struct ScrubArguments {
     /// Data directory of the service, which may be running.
     #[arg(long, env = "PROSOPON_DATA")]
     data: PathBuf,
+    #[command(flatten)]
+    keys: KeySource,
 }
 
 /// Options of `prosopon restore`.
@@ -151,11 +155,32 @@ pub(super) fn audit(command: &AuditCommand) -> CommandResult {
         );
         return Err(detail.into());
     }
-    match report.anchored_at {
+    match &report.anchored_at {
         Some(at) => {
             writeln!(out, "the end that the store recorded at {at} is present; {} entries are later", report.later)?
         }
         None => writeln!(out, "the store has recorded no end: entries missing at the end cannot be found")?,
+    }
+    note_clock(&report, out)?;
+    Ok(())
+}
+
+/// Reports where the clock was set back; that is no tampering.
+fn note_clock(report: &AuditReport, out: &mut impl Write) -> std::io::Result<()> {
+    const SHOWN: usize = 5;
+    for SetBack { file, line, from, to } in report.set_back.iter().take(SHOWN) {
+        writeln!(out, "note: the clock was set back from {from} to {to} before {file}, line {line}")?;
+    }
+    if let Some(more) = report.set_back.len().checked_sub(SHOWN).filter(|more| *more > 0) {
+        writeln!(out, "note: the clock was set back {more} more times")?;
+    }
+    if report.branches > 0 {
+        let n = report.branches;
+        writeln!(
+            out,
+            "note: {n} starts of an earlier version left the last entry out of the chain, because the clock was set back; entries \
+             removed directly before them cannot be found"
+        )?;
     }
     Ok(())
 }
@@ -204,7 +229,8 @@ fn report_backup(report: BackupReport, encrypted: bool) -> CommandResult {
 }
 
 pub(super) fn scrub_store(arguments: &ScrubArguments) -> CommandResult {
-    let found = runtime()?.block_on(scrub(&arguments.data))?;
+    let keys = encryption_keys(arguments.keys.config.as_deref())?;
+    let found = runtime()?.block_on(scrub(&arguments.data, &keys))?;
     writeln!(std::io::stdout(), "{} values, {} bytes", found.values, found.bytes)?;
     if found.unsealed > 0 {
         writeln!(std::io::stdout(), "{} of them have no seal: an earlier version wrote them", found.unsealed)?;

@@ -74,5 +74,11 @@ fn a_store_needs_its_key_and_a_backup_shows_nothing() {
     refused(&prosopon(&["restore", "--from", &out, "--data", &back]), "encrypted with the key");
     let done = prosopon(&["restore", "--from", &out, "--data", &back, "--config", &config]);
     assert!(done.status.success(), "{done:?}");
+    // `scrub` needs the key too, of a store and of one that was restored.
+    for store in [&data, &back] {
+        refused(&prosopon(&["scrub", "--data", store]), "encrypted with the key");
+        let done = prosopon(&["scrub", "--data", store, "--config", &config]);
+        assert!(done.status.success() && String::from_utf8_lossy(&done.stdout).contains("1 values"), "{done:?}");
+    }
     assert_eq!(start(&back).get(&format!("{session}/skin")).body, stored);
 }

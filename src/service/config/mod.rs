@@ -294,6 +294,12 @@ fn faults_of(keys: &[ApiKey]) -> Vec<String> {
         if keys.iter().take(index).any(|other| other.id == key.id) {
             faults.push(format!("auth.keys[{index}]: another key has the id `{}` too; rename one", key.id));
         }
+        if !key.hash.is_empty() && keys.iter().take(index).any(|other| other.hash == key.hash) {
+            let id = &key.id;
+            faults.push(format!(
+                "auth.keys[{index}]: key `{id}` has the hash of another key, so one token would be both; make a new key"
+            ));
+        }
     }
     faults
 }
@@ -393,6 +399,49 @@ mod tests {
         assert_eq!((again.listen.port(), again.allowed_hosts), (9000, vec!["plan.example".to_owned()]));
         let settings = |text: &str| text.lines().filter(|l| !l.starts_with('#')).map(str::to_owned).collect::<Vec<_>>();
         assert_eq!(settings(&reprinted), settings(&printed));
+    }
+
+    /// An empty tenant would be another one's: `local`.
+    #[test]
+    fn keys_with_empty_or_repeated_values_are_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("prosopon.toml");
+        let hash = key("a").hash;
+        let entry = |id: &str, tenant: &str, scopes: &str, hash: &str| {
+            format!("[[auth.keys]]\nid = {id:?}\ntenant = {tenant:?}\nscopes = {scopes}\nhash = {hash:?}\n")
+        };
+        let good = entry("a", "a", r#"["read"]"#, &hash);
+        for (text, words) in [
+            (entry("a", "", r#"["read"]"#, &hash), "auth.keys[0]: tenant ``"),
+            (entry("a", " ", r#"["read"]"#, &hash), "auth.keys[0]: tenant ` `"),
+            (entry("a", "a\t", r#"["read"]"#, &hash), "auth.keys[0]: tenant"),
+            (
+                format!("[[auth.keys]]\nid = \"a\"\nscopes = [\"read\"]\nhash = {hash:?}\n"),
+                "auth.keys[0]: tenant is missing",
+            ),
+            (entry("", "a", r#"["read"]"#, &hash), "auth.keys[0]: id ``"),
+            (entry(" ", "a", r#"["read"]"#, &hash), "auth.keys[0]: id ` `"),
+            (entry("a", "a", "[]", &hash), "auth.keys[0]: key `a` has no scope"),
+            (entry("a", "a", r#"[""]"#, &hash), "auth.keys[0]: scope"),
+            (entry("a", "a", r#"["read"]"#, ""), "auth.keys[0]: the hash of key `a`"),
+            (
+                format!("{good}{}", entry("a", "b", r#"["read"]"#, &key("b").hash)),
+                "auth.keys[1]: another key has the id `a`",
+            ),
+            (
+                format!("{good}{}", entry("b", "b", r#"["read"]"#, &hash)),
+                "auth.keys[1]: key `b` has the hash of another key",
+            ),
+            ("[auth]\nkeys = []\n".to_owned(), "auth: neither a key nor"),
+        ] {
+            std::fs::write(&file, format!("data = \"d\"\n{text}")).unwrap();
+            let error = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err();
+            assert!(error.faults.iter().any(|fault| fault.starts_with(words)), "{text}: {error}");
+            if text.contains("[[") {
+                let source = ConfigSource { file: file.clone(), flags: BTreeMap::new() };
+                assert!(source.keys().is_err(), "the keys of a changed file: {text}");
+            }
+        }
     }
 
     #[test]

@@ -261,13 +261,17 @@ fn api_key(s: &mut Source, index: usize, entry: KeyEntry) -> ApiKey {
         })
     };
     let (id, hash) = (given("id", entry.id), given("hash", entry.hash));
-    let tenant = given("tenant", entry.tenant);
-    let tenant =
-        (!tenant.is_empty()).then(|| tenant.parse().map_err(|e| fault(format!("tenant `{tenant}`: {e}"))).ok());
+    let tenant = match entry.tenant {
+        Some(tenant) => tenant.parse().map_err(|e| fault(format!("tenant `{tenant}`: {e}"))).ok(),
+        None => {
+            fault("tenant is missing".to_owned());
+            None
+        }
+    };
     let scope = |name: String| name.parse::<Scope>().map_err(|e| fault(format!("scope {e}"))).ok();
     let scopes: Scopes = entry.scopes.unwrap_or_default().into_iter().filter_map(scope).collect();
     // The service does not start with a fault; the placeholder allows the check of the other values.
-    let tenant = tenant.flatten().unwrap_or_else(TenantId::local);
+    let tenant = tenant.unwrap_or_else(TenantId::local);
     ApiKey { id, tenant, scopes, hash }
 }
 

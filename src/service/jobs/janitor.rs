@@ -3,12 +3,15 @@ use std::time::Duration;
 
 use super::Service;
 use prosopon_contract::Fault;
-use prosopon_store::{AuditEntry, SessionRecord, StoreError};
+use prosopon_store::{AuditEntry, Look, SessionRecord, StoreError};
 
 /// Retention of stored answers to repeated requests.
 ///
 /// Tombstones of deleted ids are kept ten times as long.
 const ANSWERS: Duration = Duration::from_secs(7 * 24 * 3600);
+
+/// What the audit log has of a deletion: route and status.
+const DELETED: (&str, u16) = ("DELETE /v1/sessions/{session}", 204);
 
 /// Bytes of blobs that one maintenance round checks: with a round every ten minutes 37 GB a day.
 const SCRUBBED: u64 = 256 << 20;
@@ -101,36 +104,98 @@ impl Service {
     /// # Errors
     /// The store's.
     pub async fn run_maintenance(&self) -> Result<(), Fault> {
+        let look = self.store.look().await?;
+        self.maintain(&look).await
+    }
+
+    /// Runs one maintenance round at a given time; see [`Service::run_maintenance`].
+    ///
+    /// Nothing is removed in a round before which the clock was set.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn maintain(&self, look: &Look) -> Result<(), Fault> {
+        if look.jumped_ms != 0 {
+            metrics::counter!("prosopon_clock_set_total").increment(1);
+            let by_s = look.jumped_ms / 1000;
+            tracing::warn!(by_s, "the clock was set: this maintenance round removes nothing; check the clock");
+            return Ok(());
+        }
         let swept = self.store.sweep_old().await?;
-        let events = self.store.prune_events(self.settings.event_retention).await?;
-        let compared = self.store.drop_comparisons(self.settings.comparison_retention).await?;
-        self.store.delete_old_answers(ANSWERS).await?;
-        let mut expired = 0;
-        for session in self.store.hidden_sessions(self.settings.deleted_retention).await? {
-            self.delete_session(session.id).await?;
-            self.note_removal(&session, "deleted before");
-            expired += 1;
-        }
+        let events = self.store.prune_events(look, self.settings.event_retention).await?;
+        let compared = self.store.drop_comparisons(look, self.settings.comparison_retention).await?;
+        self.store.delete_old_answers(look, ANSWERS).await?;
         if let Some(retention) = self.settings.session_retention {
-            for session in self.store.idle_sessions(retention).await? {
-                self.delete_session(session.id).await?;
-                self.note_removal(&session, "retention");
-                expired += 1;
-            }
+            self.return_unduly_expired(look, retention).await?;
         }
-        if swept > 0 || events > 0 || compared > 0 || expired > 0 {
-            tracing::info!(files = swept + compared, events, sessions = expired, "maintenance round done");
+        let erased = self.erase_hidden(look).await?;
+        let expired = match self.settings.session_retention {
+            Some(retention) => self.expire_unused(look, retention).await?,
+            None => 0,
+        };
+        metrics::gauge!("prosopon_sessions_restorable").set(self.store.count_hidden().await? as f64);
+        if swept > 0 || events > 0 || compared > 0 || erased > 0 || expired > 0 {
+            tracing::info!(files = swept + compared, events, erased, expired, "maintenance round done");
         }
         Ok(())
     }
 
-    fn note_removal(&self, session: &SessionRecord, who: &str) {
+    /// Deletes for good the sessions whose time to be restored is over; returns their number.
+    async fn erase_hidden(&self, look: &Look) -> Result<usize, Fault> {
+        let (restorable, retention) = (self.settings.deleted_retention, self.settings.session_retention);
+        let over = self.store.hidden_sessions(look, restorable, retention).await?;
+        for session in &over {
+            self.delete_session(session.id).await?;
+            self.note_change(session, "deleted before", DELETED);
+            metrics::counter!("prosopon_sessions_erased_total").increment(1);
+        }
+        Ok(over.len())
+    }
+
+    /// Deletes the sessions that are unused for `retention`, as a user does: they can still be restored; returns their number.
+    ///
+    /// Reports those that will follow.
+    async fn expire_unused(&self, look: &Look, retention: Duration) -> Result<usize, Fault> {
+        let unused = self.store.idle_sessions(look, retention).await?;
+        for session in &unused {
+            self.expire_session(session.id).await?;
+            self.note_change(session, "retention", DELETED);
+            metrics::counter!("prosopon_sessions_expired_total").increment(1);
+            let restorable_s = self.settings.deleted_retention.as_secs();
+            tracing::info!(session = %session.id, restorable_s, "a session was unused for its retention and is deleted");
+        }
+        let next = self.store.seemingly_idle_sessions(look, retention).await?;
+        metrics::gauge!("prosopon_sessions_overdue").set(next.len() as f64);
+        if look.begins_day && !next.is_empty() {
+            let sessions: Vec<String> = next.iter().map(|session| session.id.to_string()).collect();
+            let n = sessions.len();
+            tracing::warn!(
+                n,
+                ?sessions,
+                "unused sessions will be deleted in one to two days; check the clock if it is too early"
+            );
+        }
+        Ok(unused.len())
+    }
+
+    /// Restores sessions that a clock that was ahead, or a shorter retention, deleted, once that is put right.
+    async fn return_unduly_expired(&self, look: &Look, retention: Duration) -> Result<(), Fault> {
+        for session in self.store.wrongly_expired(look, retention).await? {
+            if self.store.restore_session(session.id).await? {
+                self.note_change(&session, "retention", ("POST /v1/sessions/{session}/restore", 200));
+                tracing::warn!(session = %session.id, "a session was deleted before its retention ended, and is restored");
+            }
+        }
+        Ok(())
+    }
+
+    fn note_change(&self, session: &SessionRecord, who: &str, (what, status): (&str, u16)) {
         let entry = AuditEntry {
             tenant: session.tenant.to_string(),
             who: who.to_owned(),
-            what: "DELETE /v1/sessions/{session}".to_owned(),
+            what: what.to_owned(),
             id: Some(session.id.to_string()),
-            status: 204,
+            status,
             ..AuditEntry::default()
         };
         self.note(entry, true);

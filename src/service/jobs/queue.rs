@@ -175,6 +175,15 @@ impl Service {
     /// # Errors
     /// The store's.
     pub async fn hide_session(&self, id: SessionId) -> Result<bool, Fault> {
+        self.take_away(id, false).await
+    }
+
+    /// Same as [`Service::hide_session`] for a session whose retention has ended.
+    pub(super) async fn expire_session(&self, id: SessionId) -> Result<bool, Fault> {
+        self.take_away(id, true).await
+    }
+
+    async fn take_away(&self, id: SessionId, expired: bool) -> Result<bool, Fault> {
         if self.settings.deleted_retention.is_zero() {
             return self.delete_session(id).await;
         }
@@ -187,7 +196,7 @@ impl Service {
         for running in self.running_jobs().iter().filter(|r| r.reads(id)) {
             self.cancel_unless_ended(running.job).await?;
         }
-        let hidden = self.store.hide_session(id).await?;
+        let hidden = if expired { self.store.expire_session(id).await? } else { self.store.hide_session(id).await? };
         self.announce();
         Ok(hidden)
     }

@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use super::memory::{allowed_mb, used_mb};
+use super::memory::{allowed_mb, left_of_limits_mb, used_mb};
 use prosopon_formats::import::Limits;
 use prosopon_store::QueueLimits;
 
@@ -77,9 +77,11 @@ impl Default for ServiceSettings {
 impl ServiceSettings {
     /// Memory that a job that begins now may add to the memory in use, MB; its share at most.
     pub(super) fn memory_of_a_job_mb(&self) -> f64 {
-        let Some((all, used)) = self.memory_mb.zip(used_mb()) else { return f64::INFINITY };
-        let share = all / self.parallel_jobs.max(1) as u64;
-        all.saturating_sub(used).min(share) as f64
+        let parallel = self.parallel_jobs.max(1) as u64;
+        let of_settings = self.memory_mb.zip(used_mb()).map(|(all, used)| all.saturating_sub(used).min(all / parallel));
+        // Jobs that run already may map more, so each gets a part of what is left.
+        let of_limits = left_of_limits_mb().map(|left| left / parallel);
+        of_settings.into_iter().chain(of_limits).min().map_or(f64::INFINITY, |mb| mb as f64)
     }
 
     pub(super) fn queue(&self) -> QueueLimits {

@@ -1,7 +1,10 @@
+mod walk;
+
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
@@ -10,8 +13,12 @@ use super::MetaStore;
 use super::directory::{LOCAL_LOG, create_private, log_name};
 use super::location::DatabaseUrl;
 use super::postgres::PostgresMeta;
-use super::records::{now_rfc3339, sha256_hex};
+use super::records::{later, now_rfc3339};
 use super::sqlite::{DATABASE, SqliteMeta};
+use walk::{CUT_OFF, Line, Walk, chained};
+
+/// Steps of the clock below this are no reason for a note: a time server makes them too.
+const SMALL_STEP: Duration = Duration::from_secs(2);
 
 /// One entry of the audit log: who did what to which session or job, with what outcome; no contents.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,20 +53,11 @@ impl AuditEntry {
     pub const GAP: &str = "entries before this one were removed";
 }
 
-/// A line of the log.
-///
-/// `chain` is the SHA-256 of the previous chain and the entry, so changed or removed lines are found.
-#[derive(Debug, Serialize, Deserialize)]
-struct Line {
-    entry: AuditEntry,
-    chain: String,
-}
-
 /// Why an audit log cannot be verified.
 #[derive(Debug, thiserror::Error)]
 pub enum AuditFault {
-    /// A line is not an entry, was changed, or follows a removed line.
-    #[error("{file}, line {line}: this line was changed, or a line before it was removed")]
+    /// A line is not an entry, was changed or moved, or follows a removed line.
+    #[error("{file}, line {line}: this line or one before it was changed, moved or removed")]
     Broken {
         /// Path of the file.
         file: String,
@@ -101,6 +99,25 @@ pub struct AuditReport {
     pub later: usize,
     /// Number of [`AuditEntry::GAP`] entries: starts of the service that found the end of the log removed.
     pub gaps: usize,
+    /// Entries before which the clock was set back, in the order of the log.
+    pub set_back: Vec<SetBack>,
+    /// Number of starts of an earlier version that did not continue the last entry, because the clock was set back.
+    ///
+    /// The entries before such a start have no recorded end: removals directly before it cannot be found.
+    pub branches: usize,
+}
+
+/// An entry whose time is before that of the entry before it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SetBack {
+    /// Path of its file.
+    pub file: String,
+    /// Number of its line, from 1.
+    pub line: usize,
+    /// Time of the entry before, RFC 3339.
+    pub from: String,
+    /// Time of the entry, RFC 3339.
+    pub to: String,
 }
 
 /// Verifies the audit log of a data directory up to the end that the store recorded.
@@ -110,6 +127,8 @@ pub struct AuditReport {
 /// A success proves that no entry up to the recorded end was changed or removed unless the store was changed too. It cannot
 /// show that entries after that end (a few seconds at most) were removed, and it does not protect against someone who can write
 /// both the log and the store. For that, ship the log to another machine.
+///
+/// The entries are followed by their chain, whatever the files are called and whatever the clock showed.
 ///
 /// # Errors
 /// [`AuditFault`].
@@ -144,6 +163,8 @@ async fn follow_to_the_anchor(data: &Path, database: Option<&DatabaseUrl>) -> Re
 }
 
 /// Append-only log, one file a month: `audit/2026-11.jsonl`.
+///
+/// When the clock is set back, the file of the latest month goes on, so that the names of the files keep the order of the entries.
 #[derive(Debug)]
 pub struct Audit {
     directory: Option<PathBuf>,
@@ -152,6 +173,7 @@ pub struct Audit {
 
 #[derive(Debug, Default)]
 struct State {
+    /// Latest month that has a file.
     month: String,
     file: Option<File>,
     chain: String,
@@ -160,16 +182,17 @@ struct State {
 }
 
 impl State {
-    /// Opens the file of `month`; a line that a full disk cut off is marked as such.
+    /// Opens the file of `month`, or of the latest month if that is later; a line that a full disk cut off is marked as such.
     fn open(&mut self, directory: &Path, month: &str) -> io::Result<()> {
-        if self.file.is_some() && self.month == month {
+        if self.file.is_some() && month <= self.month.as_str() {
             return Ok(());
         }
+        let month = self.month.as_str().max(month).to_owned();
         let path = directory.join(format!("{month}.jsonl"));
         let mut file = OpenOptions::new().create(true).read(true).append(true).open(path)?;
         close_off(&mut file)?;
         self.file = Some(file);
-        month.clone_into(&mut self.month);
+        self.month = month;
         Ok(())
     }
 
@@ -195,11 +218,14 @@ impl Audit {
     pub fn open(data: &Path) -> io::Result<Self> {
         let directory = data.join("audit");
         create_private(&directory)?;
-        let mut state = State::default();
-        if let Some(last) = files(&directory)?.pop() {
-            let mut file = OpenOptions::new().read(true).append(true).open(&last)?;
-            close_off(&mut file)?;
-            state.chain = last_chain(&last)?;
+        let files = files(&directory)?;
+        let state = State {
+            month: files.iter().rev().find_map(|path| month_of(path)).unwrap_or_default(),
+            chain: walk::end(&files)?,
+            ..State::default()
+        };
+        if let Some(last) = files.last() {
+            close_off(&mut OpenOptions::new().read(true).append(true).open(last)?)?;
         }
         Ok(Self { directory: Some(directory), state: Mutex::new(state) })
     }
@@ -215,9 +241,15 @@ impl Audit {
     /// # Errors
     /// The file system's.
     pub fn record(&self, entry: AuditEntry, sync: bool) -> io::Result<()> {
+        self.record_at(now_rfc3339, entry, sync)
+    }
+
+    /// Same as [`Audit::record`] with another clock.
+    fn record_at(&self, now: impl FnOnce() -> String, entry: AuditEntry, sync: bool) -> io::Result<()> {
         let Some(directory) = &self.directory else { return Ok(()) };
-        let entry = AuditEntry { at: now_rfc3339(), ..entry };
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        // Read under the lock, so that the times of the entries ascend.
+        let entry = AuditEntry { at: now(), ..entry };
         let recorded = record(&mut state, directory, entry, sync);
         if recorded.is_err() {
             // Opened again, so that the next entry does not continue half a line.
@@ -271,27 +303,24 @@ impl Audit {
     /// # Errors
     /// [`AuditFault`].
     pub fn verify(data: &Path, anchor: Option<(String, String)>) -> Result<AuditReport, AuditFault> {
-        let (mut chain, mut entries) = (String::new(), 0);
-        let (mut anchored_after, mut gaps) = (None, 0);
-        for path in files(&data.join("audit"))? {
-            for (index, line) in BufReader::new(File::open(&path)?).lines().enumerate() {
-                let line = line?;
-                let broken = || AuditFault::Broken { file: path.display().to_string(), line: index + 1 };
-                // A start marks a line that a crash cut off.
-                if line.ends_with(CUT_OFF) {
-                    continue;
-                }
-                let read: Line = serde_json::from_str(&line).map_err(|_| broken())?;
-                if chained(&chain, &read.entry)? != read.chain {
-                    return Err(broken());
-                }
-                chain = read.chain;
-                entries += 1;
-                gaps += usize::from(read.entry.what == AuditEntry::GAP);
-                if anchor.as_ref().is_some_and(|(anchor, _)| *anchor == chain) {
-                    anchored_after = Some(entries);
-                }
+        let mut walk = Walk::open(&files(&data.join("audit"))?)?;
+        let (mut entries, mut gaps, mut branches) = (0, 0, 0);
+        let (mut anchored_after, mut time, mut set_back) = (None, String::new(), Vec::new());
+        while let Some(reached) = walk.step()? {
+            entries += 1;
+            gaps += usize::from(reached.entry.what == AuditEntry::GAP);
+            branches += usize::from(reached.is_branch);
+            if anchor.as_ref().is_some_and(|(anchor, _)| *anchor == reached.chain) {
+                anchored_after = Some(entries);
             }
+            let ((file, line), to) = (reached.at, reached.entry.at);
+            if later(&to, SMALL_STEP).is_some_and(|latest| latest < time) {
+                set_back.push(SetBack { file, line, from: time, to: to.clone() });
+            }
+            time = to;
+        }
+        if let Some((file, line)) = walk.left() {
+            return Err(AuditFault::Broken { file, line });
         }
         match (anchor, anchored_after) {
             (Some((_, at)), None) => Err(AuditFault::CutOff { entries, at }),
@@ -300,13 +329,12 @@ impl Audit {
                 anchored_at: anchor.map(|(_, at)| at),
                 later: entries - after.unwrap_or(0),
                 gaps,
+                set_back,
+                branches,
             }),
         }
     }
 }
-
-/// Marks the end of a line that a crash cut off.
-const CUT_OFF: &str = "#cut-off";
 
 /// Appends an entry, after one that says how many were lost before.
 fn record(state: &mut State, directory: &Path, entry: AuditEntry, sync: bool) -> io::Result<()> {
@@ -320,11 +348,15 @@ fn record(state: &mut State, directory: &Path, entry: AuditEntry, sync: bool) ->
     state.append(entry, sync)
 }
 
-fn chained(before: &str, entry: &AuditEntry) -> io::Result<String> {
-    Ok(sha256_hex(format!("{before}\n{}", serde_json::to_string(entry)?).as_bytes()))
+/// The month in the name of a file; `None` for a file that this log does not write.
+fn month_of(path: &Path) -> Option<String> {
+    let name = path.file_stem()?.to_str()?;
+    let (year, month) = name.split_once('-')?;
+    let are_digits = [year, month].iter().all(|part| part.bytes().all(|b| b.is_ascii_digit()));
+    (are_digits && (year.len(), month.len()) == (4, 2)).then(|| name.to_owned())
 }
 
-/// The files of a log, oldest month first.
+/// The files of a log by name.
 fn files(directory: &Path) -> io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     match std::fs::read_dir(directory) {
@@ -351,17 +383,6 @@ fn close_off(file: &mut File) -> io::Result<()> {
     let mut last = [0];
     file.read_exact(&mut last)?;
     if last == *b"\n" { Ok(()) } else { file.write_all(format!("{CUT_OFF}\n").as_bytes()) }
-}
-
-/// The chain after the last whole line.
-fn last_chain(path: &Path) -> io::Result<String> {
-    let mut chain = String::new();
-    for line in BufReader::new(File::open(path)?).lines() {
-        if let Ok(line) = serde_json::from_str::<Line>(&line?) {
-            chain = line.chain;
-        }
-    }
-    Ok(chain)
 }
 
 #[cfg(test)]
@@ -463,5 +484,151 @@ mod tests {
         drop(file);
         Audit::open(data.path()).unwrap().record(entry("b"), false).unwrap();
         assert_eq!(entries(data.path()), 2);
+    }
+
+    fn at(audit: &Audit, who: &str, time: &str) {
+        audit.record_at(|| format!("{time}T00:00:00.000Z"), entry(who), true).unwrap();
+    }
+
+    /// Name and number of lines of each file.
+    fn lines(data: &Path) -> Vec<(String, usize)> {
+        let name = |path: &Path| path.file_name().unwrap().to_str().unwrap().to_owned();
+        let count = |path: &Path| std::fs::read_to_string(path).unwrap().lines().count();
+        files(&data.join("audit")).unwrap().iter().map(|path| (name(path), count(path))).collect()
+    }
+
+    #[test]
+    fn a_clock_that_is_set_over_months_breaks_no_chain_and_is_noted() {
+        let data = tempfile::tempdir().unwrap();
+        // Each time is that of a start.
+        for time in ["2026-10-30", "2026-11-02", "2026-09-01", "2026-08-31", "2027-12-05", "2026-11-03", "2028-01-01"] {
+            let audit = Audit::open(data.path()).unwrap();
+            at(&audit, "a", time);
+            at(&audit, "b", time);
+        }
+        let files = [("2026-10", 2), ("2026-11", 6), ("2027-12", 4), ("2028-01", 2)];
+        assert_eq!(lines(data.path()), files.map(|(month, n)| (format!("{month}.jsonl"), n)));
+        let report = Audit::verify(data.path(), None).unwrap();
+        assert_eq!((report.entries, report.branches), (14, 0));
+        let set_back: Vec<_> = report.set_back.iter().map(|s| (&s.from[..10], &s.to[..10], s.line)).collect();
+        let expected =
+            [("2026-11-02", "2026-09-01", 3), ("2026-09-01", "2026-08-31", 5), ("2027-12-05", "2026-11-03", 3)];
+        assert_eq!(set_back, expected);
+    }
+
+    /// Writes a log as earlier versions did: the file is that of the clock, whatever was the last one.
+    fn written_by_the_clock(data: &Path, entries: &[(&str, bool)]) {
+        std::fs::create_dir_all(data.join("audit")).unwrap();
+        let (mut chain, mut last) = (String::new(), std::collections::BTreeMap::new());
+        for (time, is_start) in entries {
+            if *is_start {
+                chain = last.last_key_value().map(|(_, chain): (&String, &String)| chain.clone()).unwrap_or_default();
+            }
+            let entry = AuditEntry { at: format!("{time}T00:00:00.000Z"), ..entry("a") };
+            chain = chained(&chain, &entry).unwrap();
+            let path = data.join("audit").join(format!("{}.jsonl", &time[..7]));
+            let line = serde_json::to_string(&Line { entry, chain: chain.clone() }).unwrap();
+            let mut file = OpenOptions::new().create(true).append(true).open(path).unwrap();
+            writeln!(file, "{line}").unwrap();
+            last.insert(time[..7].to_owned(), chain.clone());
+        }
+    }
+
+    #[test]
+    fn a_log_whose_chain_goes_back_to_an_earlier_file_verifies_and_goes_on() {
+        let data = tempfile::tempdir().unwrap();
+        let times = ["2026-10-30", "2026-11-02", "2026-10-31", "2026-11-04", "2027-12-05", "2026-10-01"];
+        written_by_the_clock(data.path(), &times.map(|time| (time, false)));
+        assert_eq!(entries(data.path()), 6);
+        for who in ["b", "c"] {
+            at(&Audit::open(data.path()).unwrap(), who, "2026-10-02");
+        }
+        let report = Audit::verify(data.path(), None).unwrap();
+        assert_eq!((report.entries, report.branches, report.set_back.len()), (8, 0, 2));
+        assert_eq!(lines(data.path())[2], ("2027-12.jsonl".to_owned(), 3), "the file of the latest month goes on");
+    }
+
+    #[test]
+    fn starts_of_earlier_versions_with_a_clock_that_was_set_back_are_noted() {
+        let data = tempfile::tempdir().unwrap();
+        let days = [("2026-11-02", true), ("2026-10-30", false), ("2026-10-31", true), ("2026-11-03", false)];
+        written_by_the_clock(data.path(), &days);
+        let report = Audit::verify(data.path(), None).unwrap();
+        assert_eq!((report.entries, report.branches, report.set_back.len()), (4, 1, 1));
+        at(&Audit::open(data.path()).unwrap(), "b", "2026-11-04");
+        assert_eq!(Audit::verify(data.path(), None).unwrap().branches, 1);
+    }
+
+    /// Each change of a log, of which the clock was set back or not, shows.
+    #[test]
+    fn every_change_shows_with_and_without_a_clock_that_was_set_back() {
+        let in_order = ["2026-10-30", "2026-10-31", "2026-11-02", "2026-11-03", "2026-12-01", "2026-12-02"];
+        let set_back = ["2026-10-30", "2026-11-02", "2026-10-31", "2026-11-03", "2026-12-01", "2026-10-01"];
+        for times in [in_order, set_back] {
+            let original = tempfile::tempdir().unwrap();
+            written_by_the_clock(original.path(), &times.map(|time| (time, false)));
+            let paths = files(&original.path().join("audit")).unwrap();
+            let texts: Vec<String> = paths.iter().map(|path| std::fs::read_to_string(path).unwrap()).collect();
+            let broken = |texts: &[Option<String>]| {
+                let data = tempfile::tempdir().unwrap();
+                std::fs::create_dir(data.path().join("audit")).unwrap();
+                for (path, text) in paths.iter().zip(texts) {
+                    let path = data.path().join("audit").join(path.file_name().unwrap());
+                    text.iter().for_each(|text| std::fs::write(&path, text).unwrap());
+                }
+                // The store recorded the end.
+                let end = walk::end(&paths).unwrap();
+                let is_whole = Audit::verify(data.path(), Some((end.clone(), String::new())));
+                // A start that does not see the change does not mend it.
+                at(&Audit::open(data.path()).unwrap(), "b", "2026-12-03");
+                let again = Audit::verify(data.path(), Some((end, String::new())));
+                is_whole.is_err() && again.is_err()
+            };
+            let whole: Vec<Option<String>> = texts.iter().cloned().map(Some).collect();
+            assert!(!broken(&whole));
+            for (file, text) in texts.iter().enumerate() {
+                let with = |text: Option<String>| {
+                    let mut changed = whole.clone();
+                    changed[file] = text;
+                    changed
+                };
+                assert!(broken(&with(None)), "file {file} removed");
+                assert!(broken(&with(Some(text.replace("\"who\":\"a\"", "\"who\":\"b\"")))), "file {file} changed");
+                let lines: Vec<&str> = text.lines().collect();
+                for line in 0..lines.len() {
+                    let without: String =
+                        lines.iter().enumerate().filter(|(i, _)| *i != line).map(|(_, l)| format!("{l}\n")).collect();
+                    assert!(broken(&with(Some(without))), "line {line} of file {file} removed");
+                    let twice = format!("{text}{}\n", lines[line]);
+                    assert!(broken(&with(Some(twice))), "line {line} of file {file} again");
+                }
+                if lines.len() > 1 {
+                    let reversed: String = lines.iter().rev().map(|l| format!("{l}\n")).collect();
+                    assert!(broken(&with(Some(reversed))), "file {file} reversed");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_that_is_no_text_is_named() {
+        let data = tempfile::tempdir().unwrap();
+        let audit = Audit::open(data.path()).unwrap();
+        audit.record(entry("a"), false).unwrap();
+        audit.record(entry("b"), false).unwrap();
+        let path = only_file(data.path());
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes[20] = 0xff;
+        std::fs::write(&path, bytes).unwrap();
+        assert!(matches!(Audit::verify(data.path(), None), Err(AuditFault::Broken { line: 1, .. })));
+    }
+
+    #[test]
+    fn a_line_that_a_crash_cut_off_is_no_change_before_the_next_start_either() {
+        let data = tempfile::tempdir().unwrap();
+        Audit::open(data.path()).unwrap().record(entry("a"), false).unwrap();
+        let mut file = OpenOptions::new().append(true).open(only_file(data.path())).unwrap();
+        file.write_all(br#"{"entry":{"at":"20"#).unwrap();
+        assert_eq!(entries(data.path()), 1);
     }
 }

@@ -431,11 +431,11 @@ mod tests {
         let [out, back] = ["again", "back"].map(|n| directory.path().join(n));
         assert_eq!(back_up(&data, &out).await.unwrap().damaged, std::slice::from_ref(&blob));
         assert_eq!(restore(&out, &back).await.unwrap().damaged, std::slice::from_ref(&blob));
-        let found = scrub(&back).await.unwrap();
+        let found = scrub(&back, &Keyring::default()).await.unwrap();
         assert_eq!((found.values, &found.damaged, found.unsealed), (1, &vec![blob.clone()], 0));
         assert!(matches!(store.blobs().get(&blob).await, Err(StoreError::Damaged { key }) if key == blob));
         std::fs::remove_file(back.join(BLOBS).join(&blob)).unwrap();
-        assert_eq!(scrub(&back).await.unwrap().missing, [blob]);
+        assert_eq!(scrub(&back, &Keyring::default()).await.unwrap().missing, [blob]);
 
         let manifest = r#"{"version": "x", "files": {"../escape": ["", 0]}}"#;
         std::fs::write(out.join(MANIFEST), manifest).unwrap();
@@ -478,7 +478,14 @@ mod tests {
         assert_eq!(restored.session(kept.id).await.unwrap().unwrap().label, kept.label);
         let part = restored.part(kept.id, PartKind::Skin).await.unwrap().unwrap();
         assert_eq!(restored.blobs().get(&part.blob.unwrap()).await.unwrap().as_ref(), b"a face");
-        let found = scrub(&back).await.unwrap();
+        for wrong in [Keyring::default(), Keyring::new([Keyring::new_key().unwrap().0.as_str()]).unwrap()] {
+            assert!(matches!(scrub(&back, &wrong).await, Err(StoreError::KeyUnknown { .. })));
+        }
+        let found = scrub(&back, &keys).await.unwrap();
         assert_eq!(found.encrypted, BTreeMap::from([(keys.ids().next().unwrap(), 1)]));
+        // The key is missed too where the marks of the keys are lost.
+        restored.close().await;
+        std::fs::remove_dir_all(back.join(BLOBS).join(MARKS)).unwrap();
+        assert!(matches!(scrub(&back, &Keyring::default()).await, Err(StoreError::KeyUnknown { .. })));
     }
 }

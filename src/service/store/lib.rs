@@ -31,6 +31,7 @@ mod job;
 mod job_state;
 mod key_marks;
 mod location;
+mod look;
 mod measured;
 mod mesh_blob;
 mod meta;
@@ -50,7 +51,7 @@ mod tenant;
 mod upload;
 
 pub use answer::{AnswerRecord, StoredAnswer};
-pub use audit::{Audit, AuditEntry, AuditFault, AuditReport, verify_audit};
+pub use audit::{Audit, AuditEntry, AuditFault, AuditReport, SetBack, verify_audit};
 pub use backup::{BackupReport, back_up};
 pub use blobs::Blobs;
 pub use changes::Changes;
@@ -65,6 +66,7 @@ pub use job::{
 };
 pub use job_state::JobState;
 pub use location::{BucketUrl, DatabaseUrl, StoreLocation};
+pub use look::{Clocks, Look};
 pub use mesh_blob::{decode_mesh, encode_mesh};
 pub use meta::MetaStore;
 pub use part::{PartKind, PartRecord};

@@ -5,12 +5,25 @@ use std::time::Duration;
 use async_trait::async_trait;
 
 use super::{
-    AnswerRecord, BlobInfo, Changes, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState,
-    Lane, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, SessionContents,
-    SessionId, SessionRecord, StepRecord, StepWritten, StoreError, StoredAnswer, TenantId,
+    AnswerRecord, BlobInfo, Changes, Claim, Clocks, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord,
+    JobState, Lane, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord,
+    SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, StoreError, StoredAnswer, TenantId,
 };
 
 type Result<T> = std::result::Result<T, StoreError>;
+
+/// What holds of a hidden session that may be deleted for good.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Over {
+    /// It was hidden before this time (RFC 3339), …
+    pub before: String,
+    /// … or after this one: by a clock that was ahead.
+    pub now: String,
+    /// It was hidden at this running time or before, ms.
+    pub ran_ms: i64,
+    /// If its retention ended, it was not changed since then (RFC 3339).
+    pub unused_since: String,
+}
 
 /// The rows of a store: sessions and their contents, the job queue, and events.
 ///
@@ -51,13 +64,23 @@ pub trait MetaStore: Debug + Send + Sync {
     ///
     /// Their ids count as deleted ([`MetaStore::is_deleted`]) and lists omit them, but all of it stays stored. Returns false when
     /// the session does not exist or is hidden already.
-    async fn hide_session(&self, id: SessionId) -> Result<bool>;
+    ///
+    /// `expired` says that its retention ended, not that a user deleted it.
+    async fn hide_session(&self, id: SessionId, expired: bool) -> Result<bool>;
 
     /// Undoes [`MetaStore::hide_session`]; false when the session does not exist or is not hidden.
+    ///
+    /// The session counts as used now, so that its retention begins anew.
     async fn restore_session(&self, id: SessionId) -> Result<bool>;
 
-    /// Sessions that were hidden before `before` (RFC 3339).
-    async fn hidden_sessions(&self, before: &str) -> Result<Vec<SessionRecord>>;
+    /// Hidden sessions that may be deleted for good.
+    async fn hidden_sessions(&self, over: &Over) -> Result<Vec<SessionRecord>>;
+
+    /// Sessions that were hidden because their retention ended, and that were changed since `since` (RFC 3339).
+    async fn wrongly_expired(&self, since: &str) -> Result<Vec<SessionRecord>>;
+
+    /// Number of hidden sessions.
+    async fn count_hidden(&self) -> Result<u64>;
 
     /// Sessions without a change since `since` (RFC 3339) and without a waiting or running job.
     async fn idle_sessions(&self, since: &str) -> Result<Vec<SessionRecord>>;
@@ -247,10 +270,16 @@ pub trait MetaStore: Debug + Send + Sync {
     /// The secret that signs links to single results; set to `fresh` when there is none.
     async fn link_key(&self, fresh: &str) -> Result<String>;
 
-    /// Whether no process has begun a maintenance round for the time `every`.
+    /// Whether no process has begun a maintenance round for the time `every`, or one has at a time that is still to come.
     ///
     /// If so, records that the caller begins one.
     async fn claim_maintenance(&self, every: Duration) -> Result<bool>;
+
+    /// Moves the stored clocks on to a look at `now_ms`, `elapsed_ms` of running time after the one before.
+    ///
+    /// Returns them and the time of the look, ms since 1970. With `shared`, no more counts than the engine's own clock shows: the
+    /// earlier of both times, the shorter of both intervals.
+    async fn look(&self, now_ms: i64, elapsed_ms: i64, shared: bool) -> Result<(Clocks, i64)>;
 
     /// Keys of all blobs that a row names.
     async fn named_blobs(&self) -> Result<BTreeSet<String>>;

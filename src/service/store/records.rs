@@ -16,12 +16,6 @@ pub fn now_rfc3339() -> String {
     rfc3339(OffsetDateTime::now_utc())
 }
 
-/// The time `age` ago, in the form of [`now_rfc3339`].
-pub(super) fn rfc3339_before(age: Duration) -> String {
-    let then = time::Duration::try_from(age).ok().and_then(|age| OffsetDateTime::now_utc().checked_sub(age));
-    rfc3339(then.unwrap_or(OffsetDateTime::UNIX_EPOCH))
-}
-
 /// The time that lies `after` later than `time` (RFC 3339); `None` when `time` cannot be parsed.
 #[must_use]
 pub fn later(time: &str, after: Duration) -> Option<String> {

@@ -3,10 +3,11 @@ use std::path::Path;
 
 use futures::future::BoxFuture;
 
+use super::backup::check_keys;
 use super::directory::BLOBS;
 use super::seal::Encryption;
 use super::sqlite::{DATABASE, SqliteMeta};
-use super::{Blobs, MetaStore, Store, StoreError, seal};
+use super::{Blobs, Keyring, MetaStore, Store, StoreError, seal};
 
 /// Result of reading and checking blobs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -32,12 +33,14 @@ pub struct ScrubReport {
 /// Reads and checks every blob of the local store in `data`, also while a service uses it.
 ///
 /// # Errors
-/// [`StoreError::Missing`] when the directory has no local store, else the database's or the disk's.
-pub fn scrub(data: &Path) -> BoxFuture<'_, Result<ScrubReport, StoreError>> {
+/// [`StoreError::Missing`] when the directory has no local store, [`StoreError::KeyUnknown`] when blobs are encrypted with a key
+/// that is not among `keys`, else the database's or the disk's.
+pub fn scrub<'a>(data: &'a Path, keys: &'a Keyring) -> BoxFuture<'a, Result<ScrubReport, StoreError>> {
     Box::pin(async move {
         if !data.join(DATABASE).is_file() || !data.join(BLOBS).is_dir() {
             return Err(StoreError::Missing { directory: data.display().to_string() });
         }
+        check_keys(&data.join(BLOBS), keys).await?;
         let meta = SqliteMeta::open_beside(data).await?;
         let blobs = Blobs::in_directory(&data.join(BLOBS))?;
         let mut report = ScrubReport::default();
@@ -48,7 +51,11 @@ pub fn scrub(data: &Path) -> BoxFuture<'_, Result<ScrubReport, StoreError>> {
         let named = meta.named_blobs().await?;
         report.missing.retain(|key| named.contains(key));
         meta.close().await;
-        Ok(report)
+        // The marks that were checked first may be lost.
+        match report.encrypted.keys().find(|id| keys.ids().all(|key| key != **id)) {
+            Some(id) => Err(StoreError::KeyUnknown { id: id.clone() }),
+            None => Ok(report),
+        }
     })
 }
 
@@ -137,7 +144,7 @@ async fn read_through(blobs: &Blobs, key: &str, report: &mut ScrubReport) -> Res
 mod tests {
     use super::*;
     use crate::conformance::{part_with, session};
-    use crate::{Keyring, PartKind, StoreLocation};
+    use crate::{PartKind, StoreLocation};
 
     #[tokio::test]
     async fn values_are_encrypted_again_until_none_has_the_old_key() {

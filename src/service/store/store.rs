@@ -2,14 +2,16 @@ mod jobs;
 mod open;
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use object_store::ObjectStore;
 
 use super::directory::Watched;
-use super::records::{now_rfc3339, rfc3339_before};
+use super::look::{Look, Seen, milliseconds};
+use super::meta::Over;
+use super::records::now_rfc3339;
 use super::room::{FreeRoom, Room};
 use super::{
     AnswerRecord, Blobs, Changes, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId,
@@ -22,6 +24,8 @@ use super::{
 const BUCKET_ANSWERS: Duration = Duration::from_secs(2);
 /// Files younger than this may belong to an unfinished request, so a sweep keeps them.
 const UNDER_WAY: Duration = Duration::from_secs(2 * 3600);
+/// A time after all others, RFC 3339.
+const ALWAYS: &str = "9999-12-31T23:59:59.999Z";
 
 type Result<T> = std::result::Result<T, StoreError>;
 
@@ -40,6 +44,8 @@ pub struct Store {
     /// The lock of the data directory, and the database if it is there.
     watched: Arc<[Watched]>,
     room: Arc<Room>,
+    /// Clock and running time at the last look.
+    seen: Arc<Mutex<Seen>>,
 }
 
 impl Store {
@@ -167,10 +173,18 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn hide_session(&self, id: SessionId) -> Result<bool> {
-        self.meta.hide_session(id).await
+        self.meta.hide_session(id, false).await
     }
 
-    /// Undoes [`Store::hide_session`].
+    /// Same as [`Store::hide_session`] for a session whose retention has ended.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn expire_session(&self, id: SessionId) -> Result<bool> {
+        self.meta.hide_session(id, true).await
+    }
+
+    /// Undoes [`Store::hide_session`]; the session counts as used now.
     ///
     /// Returns false when the session does not exist or is not hidden.
     ///
@@ -180,20 +194,57 @@ impl Store {
         self.meta.restore_session(id).await
     }
 
-    /// Sessions that were hidden at least `age` ago.
+    /// Sessions that were hidden `age` ago or earlier, both by the clock and by the running time of the service.
+    ///
+    /// A time of deletion that is still to come, from a clock that was ahead, counts by the running time alone. A session whose
+    /// retention ended is left out unless it is still unused for `retention` by the settled clock.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn hidden_sessions(&self, age: Duration) -> Result<Vec<SessionRecord>> {
-        self.meta.hidden_sessions(&rfc3339_before(age)).await
+    pub async fn hidden_sessions(
+        &self,
+        look: &Look,
+        age: Duration,
+        retention: Option<Duration>,
+    ) -> Result<Vec<SessionRecord>> {
+        let unused_since = retention.map_or_else(|| ALWAYS.to_owned(), |retention| look.before(retention));
+        let over =
+            Over { before: look.plainly_before(age), now: look.now(), ran_ms: look.ran_before(age), unused_since };
+        self.meta.hidden_sessions(&over).await
+    }
+
+    /// Sessions that were hidden because their retention ended, although they are not unused for `retention` by the clock now.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn wrongly_expired(&self, look: &Look, retention: Duration) -> Result<Vec<SessionRecord>> {
+        self.meta.wrongly_expired(&look.plainly_before(retention)).await
+    }
+
+    /// Number of hidden sessions.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn count_hidden(&self) -> Result<u64> {
+        self.meta.count_hidden().await
     }
 
     /// Sessions without a change for `idle` and without a waiting or running job.
     ///
+    /// From a day on, `idle` is reckoned from the settled clock ([`Look::settled_ms`]).
+    ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn idle_sessions(&self, idle: Duration) -> Result<Vec<SessionRecord>> {
-        self.meta.idle_sessions(&rfc3339_before(idle)).await
+    pub async fn idle_sessions(&self, look: &Look, idle: Duration) -> Result<Vec<SessionRecord>> {
+        self.meta.idle_sessions(&look.before(idle)).await
+    }
+
+    /// Sessions without a change for `idle` by the clock as it is, and without a waiting or running job.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn seemingly_idle_sessions(&self, look: &Look, idle: Duration) -> Result<Vec<SessionRecord>> {
+        self.meta.idle_sessions(&look.plainly_before(idle)).await
     }
 
     /// Time of the last change in a session, RFC 3339; `None` when the session does not exist.
@@ -260,8 +311,8 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`].
-    pub async fn delete_old_answers(&self, age: Duration) -> Result<()> {
-        self.meta.forget(&rfc3339_before(age), &rfc3339_before(age.saturating_mul(10))).await
+    pub async fn delete_old_answers(&self, look: &Look, age: Duration) -> Result<()> {
+        self.meta.forget(&look.before(age), &look.before(age.saturating_mul(10))).await
     }
 
     // ---- parts ----
@@ -422,6 +473,27 @@ impl Store {
     /// [`StoreError`].
     pub async fn claims_maintenance(&self, every: Duration) -> Result<bool> {
         Ok(!self.shared || self.meta.claim_maintenance(every).await?)
+    }
+
+    /// Looks at the clock for a maintenance round and counts the time that the service has run since the last look.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn look(&self) -> Result<Look> {
+        let now = Seen::now();
+        let before = std::mem::replace(&mut *self.seen.lock().unwrap_or_else(PoisonError::into_inner), now);
+        let (elapsed, jumped_ms) = before.until(now);
+        Ok(Look { jumped_ms, ..self.look_at(now.now_ms, elapsed).await? })
+    }
+
+    /// Same as [`Store::look`] at another time: at `now_ms` (since 1970), `elapsed` of running time after the look before.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn look_at(&self, now_ms: i64, elapsed: Duration) -> Result<Look> {
+        let (clocks, now_ms) = self.meta.look(now_ms, milliseconds(elapsed), self.shared).await?;
+        let begins_day = clocks.noted.is_some_and(|(_, ran_ms)| ran_ms == clocks.ran_ms);
+        Ok(Look { now_ms, settled_ms: clocks.settled_at, ran_ms: clocks.ran_ms, jumped_ms: 0, begins_day })
     }
 
     /// Stores the end of the audit log (its anchor), so that a verification finds a removed tail.

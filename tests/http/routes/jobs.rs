@@ -1,3 +1,4 @@
+use std::process::Command;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -327,6 +328,35 @@ async fn a_reference_job_with_another_plan_is_refused() {
 }
 
 /// A process whose memory limit leaves nothing for a solve refuses the job and keeps running.
+/// A limit of the process (`ulimit -v`) that is nearer than the memory of the machine; beyond it, an allocation ends the process.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_job_beyond_the_address_space_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let server = Server::start(directory.path(), &[]);
+    let session = server.session();
+    server.upload(&format!("{session}/tissue"), &slab(1.0)).ok();
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
+    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
+    let pid = server.child.id();
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let mapped = status.lines().find_map(|line| line.strip_prefix("VmSize:")).unwrap();
+    let mapped_kb: u64 = mapped.trim().trim_end_matches(" kB").parse().unwrap();
+    // 256 MB are kept for stacks and heaps, and nearly nothing is left for the job.
+    let limit = (mapped_kb << 10) + (260 << 20);
+    let set = Command::new("prlimit").args(["--pid", &pid.to_string(), &format!("--as={limit}")]).status();
+    assert!(set.expect("prlimit (util-linux) is there").success());
+    let ended = server.end(&server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "linear"})));
+    let problem = &ended["problem"];
+    assert_eq!(
+        (&ended["status"], &problem["type"]),
+        (&json!("failed"), &json!("/problems/not-enough-memory")),
+        "{ended}"
+    );
+    assert!(problem["allowed_mb"].as_f64().unwrap() < 30.0, "{problem}");
+    assert_eq!(server.get("/readyz").status, 200);
+}
+
 #[test]
 fn a_job_beyond_the_memory_limit_is_refused() {
     let directory = tempfile::tempdir().unwrap();

@@ -172,3 +172,105 @@ async fn unused_sessions_expire() {
     let audit = std::fs::read_dir(app.directory().join("audit")).unwrap().next().unwrap().unwrap();
     assert!(std::fs::read_to_string(audit.path()).unwrap().contains(r#""who":"retention""#));
 }
+
+/// Rounds of maintenance at other times than those of the clock.
+struct Rounds {
+    app: TestApp,
+    /// True time at the last round, ms since 1970.
+    now_ms: i64,
+}
+
+impl Rounds {
+    const DAY: u64 = 86_400;
+
+    async fn of(retention_days: u64) -> Self {
+        let app = TestApp::with(|config| {
+            config.service.session_retention = Some(Duration::from_secs(retention_days * Self::DAY));
+            config.service.runs_maintenance = false;
+        });
+        let app = app.await;
+        let now_ms = app.state.service.store().look().await.unwrap().now_ms;
+        Self { app, now_ms }
+    }
+
+    /// A round after `elapsed_s` of running time, with a clock that is `ahead_days` ahead.
+    async fn round(&mut self, elapsed_s: u64, ahead_days: i64) {
+        self.now_ms += elapsed_s as i64 * 1000;
+        let service = &self.app.state.service;
+        let clock_ms = self.now_ms + ahead_days * 1000 * Self::DAY as i64;
+        let look = service.store().look_at(clock_ms, Duration::from_secs(elapsed_s)).await.unwrap();
+        service.maintain(&look).await.unwrap();
+    }
+
+    async fn is_there(&self, session: &str) -> bool {
+        self.app.get(session).await.status == StatusCode::OK
+    }
+}
+
+#[tokio::test]
+async fn a_clock_that_is_ahead_for_a_while_deletes_no_session() {
+    let mut rounds = Rounds::of(90).await;
+    let session = rounds.app.session().await;
+    rounds.app.upload(&format!("{session}/skin"), skin()).await.ok();
+    let hidden = rounds.app.session().await;
+    assert_eq!(rounds.app.delete(&hidden).await.status, StatusCode::NO_CONTENT);
+    // Seconds, hours, and once a week.
+    for (elapsed_s, ahead_days) in [(5, 400), (5, 0), (600, 400), (70_000, 400), (600, 0)] {
+        rounds.round(elapsed_s, ahead_days).await;
+        assert!(rounds.is_there(&session).await, "{elapsed_s} s, {ahead_days} days");
+    }
+    // What a user deleted is restorable for a day, although the clock said that it was over.
+    rounds.app.post(&format!("{hidden}/restore"), json!({})).await.ok();
+    for _ in 0..4 {
+        rounds.round(7 * Rounds::DAY, 0).await;
+        rounds.round(5, 400).await;
+        rounds.round(5, 0).await;
+        assert!(rounds.is_there(&session).await);
+    }
+}
+
+#[tokio::test]
+async fn a_clock_that_stays_ahead_deletes_sessions_that_can_be_restored_and_come_back_with_the_clock() {
+    let mut rounds = Rounds::of(90).await;
+    let session = rounds.app.session().await;
+    rounds.round(600, 400).await;
+    rounds.round(Rounds::DAY - 600, 400).await;
+    assert!(rounds.is_there(&session).await, "a day has not passed");
+    rounds.round(Rounds::DAY, 400).await;
+    rounds.app.get(&session).await.problem(410, "gone");
+    rounds.round(Rounds::DAY / 2, 400).await;
+    // The clock is right again before the time to restore is over.
+    rounds.round(600, 0).await;
+    assert!(rounds.is_there(&session).await);
+    let audit = std::fs::read_dir(rounds.app.directory().join("audit")).unwrap().next().unwrap().unwrap();
+    let log = std::fs::read_to_string(audit.path()).unwrap();
+    assert!(log.contains(r#""who":"retention","what":"POST /v1/sessions/{session}/restore""#), "{log}");
+}
+
+#[tokio::test]
+async fn an_unused_session_is_deleted_after_two_looks_a_day_apart_and_erased_a_day_later() {
+    let mut rounds = Rounds::of(90).await;
+    let session = rounds.app.session().await;
+    rounds.app.upload(&format!("{session}/skin"), skin()).await.ok();
+    let mut days = 0;
+    while rounds.is_there(&session).await {
+        for _ in 0..4 {
+            rounds.round(Rounds::DAY / 4, 0).await;
+        }
+        days += 1;
+        assert!(days <= 93, "it is still there");
+    }
+    assert!((91..=92).contains(&days), "{days}");
+    // A user restores it, and its retention begins anew; here the clock of the rounds is ahead of the user's.
+    rounds.app.post(&format!("{session}/restore"), json!({})).await.ok();
+    rounds.round(600, 0).await;
+    rounds.app.get(&session).await.problem(410, "gone");
+    let directory = rounds.app.directory().join("blobs");
+    let blobs = || std::fs::read_dir(&directory).unwrap().count();
+    let stored = blobs();
+    rounds.round(Rounds::DAY / 2, 0).await;
+    assert!(stored > 0 && blobs() == stored);
+    rounds.round(Rounds::DAY, 0).await;
+    assert!(blobs() < stored);
+    rounds.app.post(&format!("{session}/restore"), json!({})).await.problem(410, "gone");
+}

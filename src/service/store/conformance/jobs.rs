@@ -368,7 +368,11 @@ async fn events_count_up_and_old_ones_go(store: Store) {
     assert_eq!(events.iter().filter(|e| e.kind == "status").count(), 2, "only progress is dropped");
     assert_eq!(store.events(running.id, 150).await.unwrap().len(), 2);
 
-    assert_eq!(store.prune_events(Duration::ZERO).await.unwrap(), 0, "a running job keeps its history");
+    assert_eq!(
+        store.prune_events(&store.look().await.unwrap(), Duration::ZERO).await.unwrap(),
+        0,
+        "a running job keeps its history"
+    );
     let change = JobChange {
         warnings: vec!["w".to_owned(), "w".to_owned()],
         report: Some("{}".to_owned()),
@@ -376,10 +380,14 @@ async fn events_count_up_and_old_ones_go(store: Store) {
         ..JobChange::default()
     };
     assert!(store.change_job(&running, JobState::Succeeded, &change).await.unwrap());
-    assert_eq!(store.prune_events(Duration::from_secs(600)).await.unwrap(), 0, "it has just ended");
+    assert_eq!(
+        store.prune_events(&store.look().await.unwrap(), Duration::from_secs(600)).await.unwrap(),
+        0,
+        "it has just ended"
+    );
     // Times have a resolution of milliseconds.
     tokio::time::sleep(Duration::from_millis(5)).await;
-    assert_eq!(store.prune_events(Duration::ZERO).await.unwrap(), 102);
+    assert_eq!(store.prune_events(&store.look().await.unwrap(), Duration::ZERO).await.unwrap(), 102);
     let left = store.events(running.id, 0).await.unwrap();
     assert_eq!((left.len(), left[0].seq, left[0].kind.as_str()), (1, 153, "end"));
     let ended = store.job(running.id).await.unwrap().unwrap();
@@ -397,16 +405,20 @@ async fn results_of_old_comparisons_go(store: Store) {
         let running = claim_by(&store, lane, None).await.unwrap();
         let rest = blob(&store, id, b"123").await;
         store.set_rest(&running, &rest).await.unwrap();
-        assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0, "it runs");
+        assert_eq!(store.drop_comparisons(&store.look().await.unwrap(), Duration::ZERO).await.unwrap(), 0, "it runs");
         let values = blob(&store, id, b"12345").await;
         let change = JobChange { tissue: Some(values.clone()), report: Some("{}".to_owned()), ..JobChange::default() };
         assert!(store.change_job(&running, JobState::Succeeded, &change).await.unwrap());
         kept.push((running.id, rest.key, values.key));
         if lane == Lane::Quick {
-            assert_eq!(store.drop_comparisons(Duration::from_secs(600)).await.unwrap(), 0, "it has just ended");
+            assert_eq!(
+                store.drop_comparisons(&store.look().await.unwrap(), Duration::from_secs(600)).await.unwrap(),
+                0,
+                "it has just ended"
+            );
             tokio::time::sleep(Duration::from_millis(5)).await;
-            assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 2);
-            assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0);
+            assert_eq!(store.drop_comparisons(&store.look().await.unwrap(), Duration::ZERO).await.unwrap(), 2);
+            assert_eq!(store.drop_comparisons(&store.look().await.unwrap(), Duration::ZERO).await.unwrap(), 0);
         }
     }
     let [(compared, rest, values), (solved, kept_rest, kept_values)] = kept.try_into().unwrap();
@@ -417,7 +429,11 @@ async fn results_of_old_comparisons_go(store: Store) {
     assert_eq!((row.state, row.rest_blob, row.tissue_blob), (JobState::Succeeded, None, None));
     assert!(row.report.is_some());
     tokio::time::sleep(Duration::from_millis(5)).await;
-    assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0, "a solve keeps its results");
+    assert_eq!(
+        store.drop_comparisons(&store.look().await.unwrap(), Duration::ZERO).await.unwrap(),
+        0,
+        "a solve keeps its results"
+    );
     assert!(store.job(solved).await.unwrap().unwrap().rest_blob.is_some());
     assert!(store.blobs().get(&kept_rest).await.is_ok() && store.blobs().get(&kept_values).await.is_ok());
     assert_eq!(store.session_bytes(id).await.unwrap(), 8);

@@ -33,13 +33,16 @@ async fn a_hidden_session_answers_as_deleted_until_it_is_restored(store: Store) 
         assert!(store.is_deleted(&id).await.unwrap());
         assert!(store.owner(&id).await.unwrap().is_some_and(|o| o.deleted && o.tenant == a));
     }
-    assert!(store.idle_sessions(Duration::ZERO).await.unwrap().iter().all(|s| s.id != hidden.id));
-    assert!(store.hidden_sessions(Duration::from_secs(3600)).await.unwrap().is_empty());
+    let look = store.look().await.unwrap();
+    assert!(store.idle_sessions(&look, Duration::ZERO).await.unwrap().iter().all(|s| s.id != hidden.id));
+    assert!(store.hidden_sessions(&look, Duration::from_secs(3600), None).await.unwrap().is_empty());
     tokio::time::sleep(Duration::from_millis(5)).await;
-    assert_eq!(store.hidden_sessions(Duration::ZERO).await.unwrap(), std::slice::from_ref(&hidden));
+    let look = store.look().await.unwrap();
+    assert_eq!(store.hidden_sessions(&look, Duration::ZERO, None).await.unwrap(), std::slice::from_ref(&hidden));
     // Maintenance that ran late must not make it visible.
-    store.delete_old_answers(Duration::ZERO).await.unwrap();
-    assert_eq!(store.hidden_sessions(Duration::ZERO).await.unwrap(), std::slice::from_ref(&hidden));
+    store.delete_old_answers(&look, Duration::ZERO).await.unwrap();
+    assert_eq!(store.hidden_sessions(&look, Duration::ZERO, None).await.unwrap(), std::slice::from_ref(&hidden));
+    assert_eq!(store.count_hidden().await.unwrap(), 1);
     assert!(store.is_deleted(&job.to_string()).await.unwrap());
     assert!(store.restore_session(hidden.id).await.unwrap());
     assert!(!store.restore_session(hidden.id).await.unwrap());
@@ -214,12 +217,62 @@ async fn a_deleted_session_leaves_nothing(store: Store) {
 async fn idle_sessions_are_found(store: Store) {
     let (idle, busy) = (add_session(&store, "a").await, add_session(&store, "a").await);
     accept(&store, busy.id, "1").await;
-    assert_eq!(store.idle_sessions(Duration::from_secs(600)).await.unwrap(), []);
+    let look = store.look().await.unwrap();
+    assert_eq!(store.idle_sessions(&look, Duration::from_secs(600)).await.unwrap(), []);
     tokio::time::sleep(Duration::from_millis(5)).await;
-    assert_eq!(store.idle_sessions(Duration::ZERO).await.unwrap(), std::slice::from_ref(&idle));
+    let look = store.look().await.unwrap();
+    assert_eq!(store.idle_sessions(&look, Duration::ZERO).await.unwrap(), std::slice::from_ref(&idle));
+    // No day has passed, so nothing is old by the settled clock.
+    assert_eq!(look.settled_ms, 0);
+    assert_eq!(store.idle_sessions(&look, Duration::from_secs(86_400)).await.unwrap(), []);
     assert_eq!(store.last_used(idle.id).await.unwrap(), Some(idle.created_at.clone()));
     assert_eq!(store.last_used(SessionId::new()).await.unwrap(), None);
-    store.delete_old_answers(Duration::ZERO).await.unwrap();
+    assert!(store.hide_session(idle.id).await.unwrap() && store.restore_session(idle.id).await.unwrap());
+    assert!(store.last_used(idle.id).await.unwrap() > Some(idle.created_at.clone()), "its retention begins anew");
+    store.delete_old_answers(&look, Duration::ZERO).await.unwrap();
+}
+
+async fn sessions_are_hidden_for_good_only_by_clock_and_running_time(store: Store) {
+    const DAY: Duration = Duration::from_secs(86_400);
+    let [hidden, expired] = [add_session(&store, "a").await, add_session(&store, "a").await];
+    assert!(store.hide_session(hidden.id).await.unwrap() && store.expire_session(expired.id).await.unwrap());
+    let look = store.look().await.unwrap();
+    let days = |days: i64, ran: i64| Look {
+        now_ms: look.now_ms + days * 86_400_000,
+        settled_ms: look.now_ms + days * 86_400_000 - 1,
+        ran_ms: look.ran_ms + ran * 86_400_000,
+        ..look
+    };
+    let over = async |look: Look, retention| {
+        let over = store.hidden_sessions(&look, DAY, retention).await.unwrap();
+        over.into_iter().map(|session| session.id).collect::<Vec<_>>()
+    };
+    let both = [hidden.id, expired.id];
+    assert!(over(days(400, 0), None).await.is_empty(), "a day has not passed, whatever the clock shows");
+    assert!(over(days(0, 2), None).await.is_empty());
+    assert_eq!(over(days(2, 2), None).await, both);
+    // The clock was ahead at the deletion.
+    assert_eq!(over(days(-9, 2), None).await, both);
+    assert_eq!(over(days(2, 2), Some(9 * DAY)).await, [hidden.id], "the other one was not unused for so long");
+    assert_eq!(over(days(20, 2), Some(9 * DAY)).await, both);
+    let wrongly = async |look: Look| store.wrongly_expired(&look, 9 * DAY).await.unwrap();
+    assert_eq!(wrongly(days(2, 0)).await, std::slice::from_ref(&expired));
+    assert!(wrongly(days(20, 0)).await.is_empty());
+}
+
+async fn the_running_time_is_counted_and_the_clock_settles(store: Store) {
+    let first = store.look().await.unwrap();
+    assert!(first.begins_day && first.settled_ms == 0 && first.jumped_ms == 0);
+    let second = store.look().await.unwrap();
+    assert!(!second.begins_day && second.ran_ms >= first.ran_ms && second.now_ms >= first.now_ms);
+    let jumped = store.look_at(first.now_ms + 400 * 86_400_000, Duration::from_secs(86_400)).await.unwrap();
+    if store.is_shared() {
+        // Neither the clock nor the running time of a process counts for more than those of the database.
+        assert!(jumped.ran_ms < first.ran_ms + 60_000 && jumped.now_ms < first.now_ms + 60_000, "{jumped:?}");
+        assert_eq!(jumped.settled_ms, 0);
+    } else {
+        assert_eq!((jumped.ran_ms - second.ran_ms, jumped.settled_ms), (86_400_000, first.now_ms));
+    }
 }
 
 async fn the_end_of_the_audit_log_is_noted(store: Store) {
@@ -240,5 +293,7 @@ conforms! {
     many_sessions_are_looked_into_at_once,
     a_deleted_session_leaves_nothing,
     idle_sessions_are_found,
+    sessions_are_hidden_for_good_only_by_clock_and_running_time,
+    the_running_time_is_counted_and_the_clock_settles,
     the_end_of_the_audit_log_is_noted,
 }

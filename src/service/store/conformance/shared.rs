@@ -319,16 +319,16 @@ async fn a_server_that_lets_nobody_in_is_one_that_is_away() {
 async fn databases_of_other_formats_are_refused() {
     let database = fresh_database().await;
     let url: DatabaseUrl = database.parse().unwrap();
-    assert_eq!(url.migrate().await.unwrap(), (0, 8));
-    assert_eq!(url.migrate().await.unwrap(), (8, 8));
+    assert_eq!(url.migrate().await.unwrap(), (0, 9));
+    assert_eq!(url.migrate().await.unwrap(), (9, 9));
     let mut connection = <sqlx::PgConnection as sqlx::Connection>::connect(&database).await.unwrap();
     let later = "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
-                 VALUES (9, 'later', true, 'x', 0)";
+                 VALUES (10, 'later', true, 'x', 0)";
     let encrypted = sqlx::query_scalar::<_, bool>("SELECT ssl FROM pg_stat_ssl WHERE pid = pg_backend_pid()");
     assert!(encrypted.fetch_one(&mut connection).await.unwrap(), "TLS is used where the server has it");
     sqlx::query(later).execute(&mut connection).await.unwrap();
     let refused = url.migrate().await;
-    assert!(matches!(refused, Err(StoreError::Newer { found: 9, known: 8 })), "{refused:?}");
+    assert!(matches!(refused, Err(StoreError::Newer { found: 10, known: 9 })), "{refused:?}");
     sqlx::query("UPDATE _sqlx_migrations SET checksum = 'y' WHERE version = 1").execute(&mut connection).await.unwrap();
     assert!(matches!(url.migrate().await, Err(StoreError::ForeignTables)));
 

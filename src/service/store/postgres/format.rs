@@ -17,6 +17,7 @@ const MIGRATIONS: &[(&str, &str)] = &[
     ("continued jobs", include_str!("6_continued_jobs.sql")),
     ("signed links", include_str!("7_signed_links.sql")),
     ("line", include_str!("8_line.sql")),
+    ("looks", include_str!("9_looks.sql")),
 ];
 
 /// Postgres error code: a table that a script creates exists already.

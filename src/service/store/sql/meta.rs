@@ -5,10 +5,12 @@ use async_trait::async_trait;
 
 use super::{Meta, Result, anchor, answers, contents, events, jobs, maintenance, parts, plans, queue, sessions, steps};
 use crate::{
-    AnswerRecord, BlobInfo, Changes, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState,
-    Lane, MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord,
+    AnswerRecord, BlobInfo, Changes, Claim, Clocks, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord,
+    JobState, Lane, MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord,
     SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, StoredAnswer, TenantId,
 };
+
+use crate::meta::Over;
 
 #[async_trait]
 impl MetaStore for Meta {
@@ -33,16 +35,24 @@ impl MetaStore for Meta {
         sessions::delete(self.writer(), id).await
     }
 
-    async fn hide_session(&self, id: SessionId) -> Result<bool> {
-        sessions::hide(self.writer(), id).await
+    async fn hide_session(&self, id: SessionId, expired: bool) -> Result<bool> {
+        sessions::hide(self.writer(), id, expired).await
     }
 
     async fn restore_session(&self, id: SessionId) -> Result<bool> {
         sessions::restore(self.writer(), id).await
     }
 
-    async fn hidden_sessions(&self, before: &str) -> Result<Vec<SessionRecord>> {
-        sessions::hidden(self.reader(), before).await
+    async fn hidden_sessions(&self, over: &Over) -> Result<Vec<SessionRecord>> {
+        sessions::hidden(self.reader(), over).await
+    }
+
+    async fn wrongly_expired(&self, since: &str) -> Result<Vec<SessionRecord>> {
+        sessions::wrongly_expired(self.reader(), since).await
+    }
+
+    async fn count_hidden(&self) -> Result<u64> {
+        sessions::count_hidden(self.reader()).await
     }
 
     async fn idle_sessions(&self, since: &str) -> Result<Vec<SessionRecord>> {
@@ -232,6 +242,10 @@ impl MetaStore for Meta {
 
     async fn claim_maintenance(&self, every: Duration) -> Result<bool> {
         maintenance::claim_maintenance(self.writer(), every).await
+    }
+
+    async fn look(&self, now_ms: i64, elapsed_ms: i64, shared: bool) -> Result<(Clocks, i64)> {
+        maintenance::look(self.writer(), now_ms, elapsed_ms, shared).await
     }
 
     async fn named_blobs(&self) -> Result<BTreeSet<String>> {

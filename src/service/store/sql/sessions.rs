@@ -6,6 +6,7 @@ use super::answers::remember;
 use super::dialect::{FOR_CHANGE, FOR_REMOVAL, FORGET, SNAPSHOT};
 use super::{Connection, Pool, Result, Transaction};
 use crate::job::check_quota;
+use crate::meta::Over;
 use crate::records::{from_json, now_rfc3339, parse_id, to_u64};
 use crate::{AnswerRecord, Owner, SessionId, SessionRecord, StoreError, TenantId};
 
@@ -67,7 +68,7 @@ pub(super) async fn page(
 
 pub(super) async fn delete(writer: &Pool, id: SessionId) -> Result<Option<Vec<String>>> {
     let mut transaction = writer.begin().await?;
-    if !bury(&mut transaction, id).await? {
+    if !bury(&mut transaction, id, false).await? {
         return Ok(None);
     }
     let elsewhere: Vec<String> = sqlx::query_scalar(
@@ -91,7 +92,7 @@ pub(super) async fn delete(writer: &Pool, id: SessionId) -> Result<Option<Vec<St
 /// Writes tombstones for a session, for everything in it and for the jobs that read it.
 ///
 /// Deletes the stored answers of the session. Returns false when the session does not exist.
-async fn bury(transaction: &mut Transaction<'_>, id: SessionId) -> Result<bool> {
+async fn bury(transaction: &mut Transaction<'_>, id: SessionId, expired: bool) -> Result<bool> {
     // The locks keep other transactions from adding to the session and from changing jobs that read it.
     let held = format!("SELECT id FROM sessions WHERE id = $1 {FOR_REMOVAL}");
     let held = sqlx::query(AssertSqlSafe(held)).bind(id.to_string()).fetch_optional(&mut **transaction).await?;
@@ -101,25 +102,27 @@ async fn bury(transaction: &mut Transaction<'_>, id: SessionId) -> Result<bool> 
     let jobs = format!("SELECT id FROM jobs WHERE session = $1 OR other_session = $1 ORDER BY id {FOR_REMOVAL}");
     sqlx::query(AssertSqlSafe(jobs)).bind(id.to_string()).fetch_all(&mut **transaction).await?;
     sqlx::query(
-        "INSERT INTO tombstones (id, deleted_at, tenant)
-         SELECT id, $2, tenant FROM sessions WHERE id = $1
-         UNION ALL SELECT o.id, $2, s.tenant FROM osteotomies o JOIN sessions s ON s.id = o.session WHERE o.session = $1
-         UNION ALL SELECT p.id, $2, s.tenant FROM plans p JOIN sessions s ON s.id = p.session WHERE p.session = $1
-         UNION ALL SELECT id, $2, tenant FROM jobs WHERE session = $1 OR other_session = $1
-         ON CONFLICT (id) DO NOTHING",
+        "INSERT INTO tombstones (id, deleted_at, tenant, ran_ms, expired)
+         SELECT b.id, $2, b.tenant, (SELECT coalesce(max(ran_ms), 0) FROM store), $3 FROM (
+             SELECT id, tenant FROM sessions WHERE id = $1
+             UNION ALL SELECT o.id, s.tenant FROM osteotomies o JOIN sessions s ON s.id = o.session WHERE o.session = $1
+             UNION ALL SELECT p.id, s.tenant FROM plans p JOIN sessions s ON s.id = p.session WHERE p.session = $1
+             UNION ALL SELECT id, tenant FROM jobs WHERE session = $1 OR other_session = $1) AS b
+         WHERE true ON CONFLICT (id) DO NOTHING",
     )
     .bind(id.to_string())
     .bind(now_rfc3339())
+    .bind(i64::from(expired))
     .execute(&mut **transaction)
     .await?;
     sqlx::query("DELETE FROM answers WHERE session = $1").bind(id.to_string()).execute(&mut **transaction).await?;
     Ok(true)
 }
 
-pub(super) async fn hide(writer: &Pool, id: SessionId) -> Result<bool> {
+pub(super) async fn hide(writer: &Pool, id: SessionId, expired: bool) -> Result<bool> {
     let mut transaction = writer.begin().await?;
     let hidden = sqlx::query_scalar::<_, i64>("SELECT count(*) FROM tombstones WHERE id = $1").bind(id.to_string());
-    if hidden.fetch_one(&mut *transaction).await? > 0 || !bury(&mut transaction, id).await? {
+    if hidden.fetch_one(&mut *transaction).await? > 0 || !bury(&mut transaction, id, expired).await? {
         return Ok(false);
     }
     transaction.commit().await?;
@@ -134,6 +137,8 @@ pub(super) async fn restore(writer: &Pool, id: SessionId) -> Result<bool> {
     if held.is_none() || stone.execute(&mut *transaction).await?.rows_affected() == 0 {
         return Ok(false);
     }
+    let used = sqlx::query("UPDATE sessions SET restored_at = $2 WHERE id = $1").bind(id.to_string());
+    used.bind(now_rfc3339()).execute(&mut *transaction).await?;
     // A comparison of two sessions stays hidden while either session is hidden.
     sqlx::query(
         "DELETE FROM tombstones WHERE id IN (
@@ -148,17 +153,34 @@ pub(super) async fn restore(writer: &Pool, id: SessionId) -> Result<bool> {
     Ok(true)
 }
 
-pub(super) async fn hidden(reader: &Pool, before: &str) -> Result<Vec<SessionRecord>> {
-    let rows = sqlx::query_as::<_, Row>(
+pub(super) async fn hidden(reader: &Pool, over: &Over) -> Result<Vec<SessionRecord>> {
+    let query = format!(
         "SELECT s.id, s.tenant, s.label, s.settings, s.created_at FROM sessions s JOIN tombstones t ON t.id = s.id
-         WHERE t.deleted_at < $1 ORDER BY s.id",
+         WHERE (t.deleted_at < $1 OR t.deleted_at > $2) AND t.ran_ms <= $3
+         AND (t.expired = 0 OR {LAST_USED} < $4) ORDER BY s.id"
     );
-    rows.bind(before).fetch_all(reader).await?.into_iter().map(record).collect()
+    let rows = sqlx::query_as::<_, Row>(AssertSqlSafe(query)).bind(&over.before).bind(&over.now).bind(over.ran_ms);
+    rows.bind(&over.unused_since).fetch_all(reader).await?.into_iter().map(record).collect()
+}
+
+pub(super) async fn wrongly_expired(reader: &Pool, since: &str) -> Result<Vec<SessionRecord>> {
+    let query = format!(
+        "SELECT s.id, s.tenant, s.label, s.settings, s.created_at FROM sessions s JOIN tombstones t ON t.id = s.id
+         WHERE t.expired = 1 AND {LAST_USED} >= $1 ORDER BY s.id"
+    );
+    let rows = sqlx::query_as::<_, Row>(AssertSqlSafe(query)).bind(since).fetch_all(reader).await?;
+    rows.into_iter().map(record).collect()
+}
+
+pub(super) async fn count_hidden(reader: &Pool) -> Result<u64> {
+    let count = sqlx::query_scalar("SELECT count(*) FROM sessions s JOIN tombstones t ON t.id = s.id");
+    Ok(to_u64(count.fetch_one(reader).await?))
 }
 
 /// SQL for the time of the last change in the session `s`; times of the same form sort as text.
 const LAST_USED: &str = "(SELECT max(at) FROM (
     SELECT s.created_at AS at
+    UNION ALL SELECT s.restored_at
     UNION ALL SELECT max(updated_at) FROM parts WHERE session = s.id
     UNION ALL SELECT max(created_at) FROM osteotomies WHERE session = s.id
     UNION ALL SELECT max(created_at) FROM plans WHERE session = s.id

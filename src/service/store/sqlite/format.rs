@@ -20,6 +20,7 @@ const MIGRATIONS: &[&str] = &[
     include_str!("11_sealed_values.sql"),
     include_str!("12_continued_jobs.sql"),
     include_str!("13_signed_links.sql"),
+    include_str!("14_looks.sql"),
 ];
 
 /// File name of the database in its directory.

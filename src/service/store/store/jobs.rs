@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::{Result, Store};
-use crate::records::rfc3339_before;
+use crate::look::Look;
 use crate::{
     BlobInfo, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobKind, JobRecord, JobState, Lane, NewJob,
     StepRecord, StepWritten, StoreError,
@@ -246,8 +246,8 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
-    pub async fn prune_events(&self, age: Duration) -> Result<u64> {
-        self.meta.prune_events(&rfc3339_before(age)).await
+    pub async fn prune_events(&self, look: &Look, age: Duration) -> Result<u64> {
+        self.meta.prune_events(&look.before(age)).await
     }
 
     /// Removes the large results of comparisons that ended longer than `age` ago.
@@ -256,8 +256,8 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
-    pub async fn drop_comparisons(&self, age: Duration) -> Result<usize> {
-        let blobs = self.meta.drop_comparisons(&rfc3339_before(age)).await?;
+    pub async fn drop_comparisons(&self, look: &Look, age: Duration) -> Result<usize> {
+        let blobs = self.meta.drop_comparisons(&look.before(age)).await?;
         let dropped = blobs.len();
         self.blobs.remove(blobs).await;
         Ok(dropped)

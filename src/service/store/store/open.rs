@@ -1,7 +1,7 @@
 //! Opening stores in a data directory, a database or a bucket.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use futures::future::LocalBoxFuture;
@@ -12,6 +12,7 @@ use super::{Result, Store};
 use crate::backup::remove_old_snapshot;
 use crate::directory::{BLOBS, LOCAL_LOG, Watched, create_private, given_log_name, is_unfinished, lock, mark_finished};
 use crate::location::{BucketUrl, StoreLocation};
+use crate::look::Seen;
 use crate::postgres::PostgresMeta;
 use crate::room::Room;
 use crate::sqlite::{self, SqliteMeta};
@@ -73,7 +74,16 @@ impl Store {
         let directories = rows.into_iter().chain(blobs.root().map(Path::to_owned)).collect();
         let room = Arc::new(Room { directories, ..Room::default() });
         let blobs = blobs.with_room(Arc::clone(&room));
-        let mut store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), watched: watched.into(), room };
+        let mut store = Self {
+            meta,
+            blobs,
+            quota: u64::MAX,
+            shared,
+            log: log.into(),
+            watched: watched.into(),
+            room,
+            seen: Arc::new(Mutex::new(Seen::now())),
+        };
         store.check_belonging(directory, places).await?;
         if !shared {
             remove_old_snapshot(directory)?;

@@ -80,7 +80,7 @@ impl<'a> Archive<'a> {
         let alike = found(&|n| n.eq_ignore_ascii_case(base));
         [exact, alike].into_iter().find_map(|found| {
             let beside = found.iter().copied().find(|at| folder(*at).is_some_and(|f| f == here));
-            beside.or_else(|| if let [only] = found.as_slice() { Some(*only) } else { None })
+            beside.or(if let [only] = found.as_slice() { Some(*only) } else { None })
         })
     }
 

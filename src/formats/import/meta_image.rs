@@ -237,11 +237,11 @@ fn anatomical_axes(letters: &str) -> Option<[Vector; 3]> {
     let axis = |letter: u8| {
         Some(match letter {
             b'R' => Vector::x(),
-            b'L' => -Vector::x(),
+            b'L' => Vector::new(-1.0, 0.0, 0.0),
             b'A' => Vector::y(),
-            b'P' => -Vector::y(),
+            b'P' => Vector::new(0.0, -1.0, 0.0),
             b'I' => Vector::z(),
-            b'S' => -Vector::z(),
+            b'S' => Vector::new(0.0, 0.0, -1.0),
             _ => return None,
         })
     };
@@ -254,7 +254,6 @@ fn anatomical_axes(letters: &str) -> Option<[Vector; 3]> {
 fn warn_of_directions(rows: [Vector; 3], anatomical: Option<[Vector; 3]>, warnings: &mut Vec<Warning>) {
     const ROUNDING: f64 = 1e-3;
     let norms = rows.map(|row| row.norm());
-    #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
     if norms.iter().any(|norm| (norm - 1.0).abs() > ROUNDING) {
         let found = format!(
             "the rows of `TransformMatrix` have the lengths {}, not 1; they were multiplied with the spacing, as ITK does",

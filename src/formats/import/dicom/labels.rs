@@ -192,7 +192,6 @@ fn seconds(text: &str) -> Option<f64> {
     let clock = [part(8, 10)?, part(10, 12).unwrap_or(0)].map(f64::from);
     let end = text.bytes().skip(12).take_while(|c| c.is_ascii_digit() || *c == b'.').count().saturating_add(12);
     let second: f64 = text.get(12..end).and_then(|s| s.parse().ok()).unwrap_or(0.0);
-    #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
     let time = clock[0] * 3600.0 + clock[1] * 60.0 + second;
     Some(days(year, month, day) * 86_400.0 + time)
 }

@@ -37,7 +37,8 @@ pub(super) struct Split {
 pub(super) fn split(images: &[Image]) -> Option<Split> {
     let slots = slots(images);
     let most = slots.iter().fold(BTreeMap::new(), |mut n, slot| {
-        *n.entry(*slot).or_insert(0usize) += 1;
+        let count = n.entry(*slot).or_insert(0usize);
+        *count = count.saturating_add(1);
         n
     });
     let most = most.values().copied().max().unwrap_or(0);
@@ -72,7 +73,6 @@ fn slots(images: &[Image]) -> Vec<usize> {
     let mut slots = vec![0usize; images.len()];
     let (mut slot, mut begin) = (0usize, order.first().map_or(0.0, |o| o.0));
     for (height, at) in order {
-        #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
         if height - begin >= MIN_STEP_MM {
             (slot, begin) = (slot.saturating_add(1), height);
         }
@@ -176,7 +176,6 @@ fn described(images: &[Image], groups: Vec<Vec<usize>>, by: &[Attribute]) -> Vec
         });
         let mut text: Vec<String> = labels.collect();
         if let Some(begin) = begins.as_ref().and_then(|begins| begins.get(index)) {
-            #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
             let after = begin - first;
             text.push(format!("{after:.1} s after the first"));
         }

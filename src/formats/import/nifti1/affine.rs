@@ -23,7 +23,6 @@ const SCANNER: i16 = 1;
 ///
 /// Source: methods 3, 2 and 1 of the NIfTI-1 header `nifti1.h`. They give RAS, whose x and y are the negatives of LPS. Between
 /// an sform and a qform that differ, and between the steps of an sform and `pixdim`, it chooses as ITK does.
-#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 pub(super) fn read(
     header: &NiftiHeader,
     dims: [usize; 3],
@@ -130,7 +129,6 @@ fn scaled(sform: VoxelLattice, header: &NiftiHeader, mm: f64, warnings: &mut Vec
     VoxelLattice { origin: sform.origin, axes: [a * x, b * y, c * z] }
 }
 
-#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 fn without_orientation(header: &NiftiHeader, mm: f64, warnings: &mut Vec<Warning>) -> VoxelLattice {
     let found = "the header has no orientation: i was assumed to run to the patient's right, j to the front, k up; \
          left and right may be swapped";
@@ -153,7 +151,6 @@ fn is_usable(form: &VoxelLattice) -> bool {
 }
 
 /// The sform, RAS mm.
-#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 fn sform(header: &NiftiHeader, mm: f64) -> VoxelLattice {
     let rows = [header.srow_x, header.srow_y, header.srow_z].map(|row| row.map(|value| f64::from(value) * mm));
     let [[ax, bx, cx, ox], [ay, by, cy, oy], [az, bz, cz, oz]] = rows;

@@ -34,7 +34,7 @@ impl<'a> Header<'a> {
                 header.list.push(line.trim());
             } else if let Some((name, value)) = line.split_once(": ").filter(|_| !line.starts_with('#')) {
                 let name = name.trim().to_ascii_lowercase();
-                in_list = is_data_file(&name) && value.trim().split_whitespace().next() == Some("LIST");
+                in_list = is_data_file(&name) && value.split_whitespace().next() == Some("LIST");
                 header.fields.push((name, value.trim()));
             }
         }

@@ -207,7 +207,6 @@ pub(super) fn read(header: &Header<'_>, axes: Axes, warnings: &mut Vec<Warning>)
 ///
 /// `axis mins` and `axis maxs` are positions of the first and last voxel where the axis is centred on nodes; else they are
 /// those of the outer faces of these voxels, as in Teem.
-#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 fn spacings(header: &Header<'_>, axes: Axes) -> Result<([f64; 3], Option<[f64; 3]>), ImportError> {
     let values = |names: &[&str]| -> Option<[Option<f64>; 3]> {
         let all = header.field(names)?.split_whitespace().take(8).map(|w| w.parse::<f64>().ok());

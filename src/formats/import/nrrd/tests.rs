@@ -75,7 +75,7 @@ fn detached_voxels_are_read_like_attached_ones() {
         ("encoding: hex\ndata file: v.hex\n", one("a/v.hex", hex.into_bytes())),
         ("data file: s%03d.raw 8 12 1\n", several(numbered, <[u8]>::to_vec)),
         ("data file: LIST\ne.raw\nd.raw\nc.raw\nb.raw\na.raw\n", several(listed, <[u8]>::to_vec)),
-        ("encoding: gzip\ndata file: LIST 2\ne.raw\nd.raw\nc.raw\nb.raw\na.raw\n", several(listed, |b| gzip(b))),
+        ("encoding: gzip\ndata file: LIST 2\ne.raw\nd.raw\nc.raw\nb.raw\na.raw\n", several(listed, gzip)),
     ] {
         let files: Vec<(&str, Vec<u8>)> = files.iter().map(|(name, bytes)| (name.as_str(), bytes.clone())).collect();
         // The fields of the lattice come before `data file: LIST`, after which only names follow.

@@ -1,4 +1,5 @@
 use super::detached::SEPARATE;
+use super::error::malformed;
 use super::volume_detect::{UNKNOWN, detect_volume};
 use super::volume_settings::{VolumeFormat, VolumeRead, VolumeSettings};
 use super::{ImportError, Limits, dicom, meta_image, nifti1, nrrd, volume_archive};
@@ -33,6 +34,11 @@ fn one_file(
     limits: &Limits,
     settings: &VolumeSettings,
 ) -> Result<VolumeRead, ImportError> {
+    if let Some(number) = settings.volume.filter(|number| *number != 1) {
+        let detail =
+            format!("volume {number} was requested, but the upload is one file; `volume` chooses in a zip archive");
+        return Err(malformed(format.name(), detail));
+    }
     let mut warnings = Vec::new();
     let mut alone = |_: &str| Err(SEPARATE);
     let volume = match format {

@@ -421,6 +421,16 @@ fn a_header_and_its_voxels_in_one_archive_are_one_volume() {
 }
 
 #[test]
+fn a_file_alone_is_its_only_volume() {
+    let ask = |volume| {
+        let settings = VolumeSettings { volume: Some(volume), ..Default::default() };
+        volume_with(&File::new(ByteOrder::Little).plain(), &Limits::default(), &settings)
+    };
+    assert!(ask(1).is_ok());
+    assert!(ask(2).unwrap_err().to_string().contains("volume 2 was requested"));
+}
+
+#[test]
 fn a_request_replaces_the_scale() {
     let mut file = File::new(ByteOrder::Little);
     file.f32(112, 2.0);

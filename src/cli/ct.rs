@@ -25,6 +25,18 @@ struct ReadArguments {
     /// DICOM series to read: its SeriesInstanceUID, or its number in the list of the warning about several series.
     #[arg(long)]
     series: Option<String>,
+    /// Stack to read of a series or file with several (acquisitions, time points, phases), by its number in the refusal's list.
+    #[arg(long)]
+    stack: Option<usize>,
+    /// Volume to read of an archive with several, by its number in the refusal's list.
+    #[arg(long)]
+    volume: Option<usize>,
+    /// HU per stored number, instead of what the file says.
+    #[arg(long)]
+    rescale_slope: Option<f64>,
+    /// HU of the stored number zero, instead of what the file says.
+    #[arg(long, allow_negative_numbers = true)]
+    rescale_intercept: Option<f64>,
     /// Also accept DICOM series of other modalities than CT.
     #[arg(long)]
     any_modality: bool,
@@ -37,6 +49,10 @@ impl ReadArguments {
     fn settings(&self) -> VolumeSettings {
         VolumeSettings {
             series: self.series.as_deref().map(SeriesChoice::of),
+            stack: self.stack,
+            volume: self.volume,
+            rescale_slope: self.rescale_slope,
+            rescale_intercept: self.rescale_intercept,
             any_modality: self.any_modality,
             max_step_mm: self.max_step_mm,
         }

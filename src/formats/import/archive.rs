@@ -58,9 +58,37 @@ impl<'a> Archive<'a> {
         (!name.is_empty() && !left_behind).then(|| name.to_owned())
     }
 
-    /// Index of the file with that name, in any folder.
-    pub(super) fn find(&self, name: &str) -> Option<usize> {
-        (0..self.len()).find(|&index| self.name(index).is_some_and(|n| n == name))
+    /// The file's path; `None` for what [`Archive::name`] leaves out.
+    fn path(&self, index: usize) -> Option<String> {
+        self.name(index)?;
+        Some(self.zip.name_for_index(index)?.ok()?.replace('\\', "/"))
+    }
+
+    /// Index of the file with that name beside file `index`; a name in other letters or the only such file of another folder does
+    /// too. A folder in `name` is dropped: only files of the archive are read.
+    pub(super) fn beside(&self, index: usize, name: &str) -> Option<usize> {
+        let base = name.rsplit(['/', '\\']).next().filter(|base| !base.is_empty())?;
+        let folder = |index: usize| {
+            let path = self.path(index)?;
+            Some(path.rsplit_once('/').map_or_else(String::new, |(folder, _)| folder.to_owned()))
+        };
+        let here = folder(index)?;
+        let found = |same: &dyn Fn(&str) -> bool| -> Vec<usize> {
+            (0..self.len()).filter(|at| *at != index && self.name(*at).is_some_and(|n| same(&n))).collect()
+        };
+        let exact = found(&|n| n == base);
+        let alike = found(&|n| n.eq_ignore_ascii_case(base));
+        [exact, alike].into_iter().find_map(|found| {
+            let beside = found.iter().copied().find(|at| folder(*at).is_some_and(|f| f == here));
+            beside.or(if let [only] = found.as_slice() { Some(*only) } else { None })
+        })
+    }
+
+    /// The file's name without its last ending, and without `.gz` before that.
+    pub(super) fn stem(&self, index: usize) -> Option<String> {
+        let name = self.name(index)?;
+        let name = name.strip_suffix(".gz").unwrap_or(&name);
+        Some(name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned())
     }
 
     /// The file's bytes; an error when there are more than `at_most`, or not as many as the archive states.

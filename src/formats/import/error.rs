@@ -81,6 +81,20 @@ impl ImportError {
     }
 }
 
+impl ImportError {
+    /// The same error; when the bytes break the rules of their format, its detail ends with `more`.
+    pub(super) fn adding(self, more: &str) -> Self {
+        match self {
+            Self::Malformed { format, detail } => malformed(format, format!("{detail}{more}")),
+            other @ (Self::Empty
+            | Self::UnknownFormat { .. }
+            | Self::TooLarge { .. }
+            | Self::ImplausibleSize { .. }
+            | Self::Geometry(_)) => other,
+        }
+    }
+}
+
 /// The error of bytes that break the rules of `format`.
 pub(super) fn malformed(format: &'static str, detail: impl Into<String>) -> ImportError {
     ImportError::Malformed { format, detail: detail.into() }

@@ -70,27 +70,95 @@ impl Scale {
     }
 }
 
-/// Reads `n_voxels` numbers as HU. The caller has checked `n_voxels` against the limits and the length of the file.
+/// Which numbers of a file make the volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Selection {
+    /// Numbers of the volume.
+    n: usize,
+    /// Numbers before its first.
+    skip: usize,
+    /// Distance between its numbers; 1 when they follow one another.
+    stride: usize,
+    /// Numbers in the file.
+    total: usize,
+}
+
+impl Selection {
+    /// All `n` numbers.
+    pub(super) fn whole(n: usize) -> Self {
+        Self { n, skip: 0, stride: 1, total: n }
+    }
+
+    /// Volume `index` of `count` that follow one another, of `n` numbers each.
+    pub(super) fn following(n: usize, index: usize, count: usize) -> Self {
+        Self { n, skip: n.saturating_mul(index), stride: 1, total: n.saturating_mul(count) }
+    }
+
+    /// Number `index` of the `count` numbers of each of `n` voxels.
+    pub(super) fn interleaved(n: usize, index: usize, count: usize) -> Self {
+        Self { n, skip: index, stride: count, total: n.saturating_mul(count) }
+    }
+
+    /// Numbers up to the last of the volume.
+    fn end(&self) -> usize {
+        self.n.saturating_sub(1).saturating_mul(self.stride).saturating_add(self.skip).saturating_add(1)
+    }
+
+    /// Numbers in the file.
+    pub(super) fn total(&self) -> usize {
+        self.total
+    }
+}
+
+/// Numbers that make the volume, and their scale.
+#[derive(Debug, Clone)]
+pub(super) struct Voxels {
+    pub(super) numbers: NumberFormat,
+    pub(super) selection: Selection,
+    pub(super) scale: Scale,
+}
+
+impl Voxels {
+    /// Bytes of all numbers in the file.
+    pub(super) fn bytes(&self) -> u64 {
+        (self.selection.total as u64).saturating_mul(self.numbers.number_type.size() as u64)
+    }
+}
+
+/// Reads the volume as HU, and the file's other numbers to their end. The caller has checked the number of voxels against the
+/// limits, and that of numbers against the length of the file.
 ///
 /// # Errors
 /// The error that `unreadable` makes when the stream ends early or is damaged.
 pub(super) fn read(
     stream: &mut dyn Read,
-    numbers: NumberFormat,
-    n_voxels: usize,
-    mut scale: Scale,
+    voxels: Voxels,
     warnings: &mut Vec<Warning>,
     unreadable: impl Fn(&std::io::Error) -> ImportError,
 ) -> Result<Vec<i16>, ImportError> {
+    let Voxels { numbers, selection, mut scale } = voxels;
+    let size = numbers.number_type.size();
     // Grows with the data: a crafted compressed file may state more voxels than it holds.
     let mut hu = Vec::new();
     let mut buffer = vec![0u8; 1 << 18];
-    while hu.len() < n_voxels {
-        let left = n_voxels.saturating_sub(hu.len()).saturating_mul(numbers.number_type.size());
+    let mut left = selection.end().saturating_mul(size);
+    let mut until_next = selection.skip;
+    while left > 0 {
         let length = left.min(buffer.len());
         let chunk = buffer.get_mut(..length).unwrap_or_default();
         stream.read_exact(chunk).map_err(|e| unreadable(&e))?;
-        numbers.number_type.each(chunk, numbers.byte_order, &mut |stored| hu.push(scale.apply(stored)));
+        numbers.number_type.each(chunk, numbers.byte_order, &mut |stored| {
+            if until_next == 0 {
+                hu.push(scale.apply(stored));
+                until_next = selection.stride;
+            }
+            until_next = until_next.saturating_sub(1);
+        });
+        left = left.saturating_sub(length);
+    }
+    let rest = selection.total.saturating_sub(selection.end()).saturating_mul(size) as u64;
+    if std::io::copy(&mut stream.take(rest), &mut std::io::sink()).map_err(|e| unreadable(&e))? < rest {
+        return Err(unreadable(&ErrorKind::UnexpectedEof.into()));
     }
     hu.shrink_to_fit();
     scale.report(warnings);
@@ -124,7 +192,7 @@ pub(super) fn bytes_after_voxels() -> Warning {
         .act("Check that the dimensions in the header are those of the image.")
 }
 
-/// Reads the `n_voxels` HU in `data`; warns of bytes after them and ignores these.
+/// Reads the volume in `data`; warns of bytes after its numbers and ignores these.
 ///
 /// # Errors
 /// [`ImportError::Malformed`] of `format` when `data` is too short or damaged. Data that are too short are refused before
@@ -133,8 +201,7 @@ pub(super) fn read_whole(
     format: &'static str,
     data: &[u8],
     packing: Packing,
-    numbers: NumberFormat,
-    n_voxels: usize,
+    voxels: Voxels,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<i16>, ImportError> {
     let mut stream: Box<dyn Read + '_> = match packing {
@@ -142,19 +209,45 @@ pub(super) fn read_whole(
         Packing::Zlib => Box::new(ZlibDecoder::new(data)),
         Packing::Gzip => Box::new(MultiGzDecoder::new(data)),
     };
-    let needed = (n_voxels as u64).saturating_mul(numbers.number_type.size() as u64);
+    let needed = voxels.bytes();
     if needed > packing.max_unpacked(data.len() as u64) {
-        let detail =
-            format!("{n_voxels} voxels need {needed} bytes, more than the {} bytes of data can hold", data.len());
+        let n = voxels.selection.total();
+        let detail = format!("{n} voxels need {needed} bytes, more than the {} bytes of data can hold", data.len());
         return Err(malformed(format, detail));
     }
     let unreadable = |error: &std::io::Error| {
         let cut_off = error.kind() == ErrorKind::UnexpectedEof;
         malformed(format, if cut_off { "the voxels are cut off" } else { "the compressed voxels are damaged" })
     };
-    let hu = read(&mut stream, numbers, n_voxels, Scale::new(1.0, 0.0), warnings, unreadable)?;
+    let hu = read(&mut stream, voxels, warnings, unreadable)?;
     if stream.read(&mut [0]).map_err(|e| unreadable(&e))? > 0 {
         warnings.push(bytes_after_voxels());
     }
     Ok(hu)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::number::{ByteOrder, NumberType};
+    use super::*;
+
+    #[test]
+    fn a_selection_takes_its_numbers_and_needs_all() {
+        let data: Vec<u8> = (0..12i16).flat_map(i16::to_le_bytes).collect();
+        let numbers = NumberFormat { number_type: NumberType::I16, byte_order: ByteOrder::Little };
+        let read = |selection, data: &[u8]| {
+            let voxels = Voxels { numbers, selection, scale: Scale::new(1.0, 0.0) };
+            read_whole("NRRD", data, Packing::Plain, voxels, &mut Vec::new())
+        };
+        for (selection, expected) in [
+            (Selection::whole(12), (0..12).collect::<Vec<i16>>()),
+            (Selection::following(4, 1, 3), vec![4, 5, 6, 7]),
+            (Selection::following(4, 2, 3), vec![8, 9, 10, 11]),
+            (Selection::interleaved(4, 0, 3), vec![0, 3, 6, 9]),
+            (Selection::interleaved(4, 2, 3), vec![2, 5, 8, 11]),
+        ] {
+            assert_eq!(read(selection, &data).unwrap(), expected, "{selection:?}");
+            assert!(read(selection, &data[..23]).is_err(), "{selection:?}");
+        }
+    }
 }

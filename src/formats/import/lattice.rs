@@ -48,12 +48,16 @@ impl VoxelLattice {
 
     /// Checks the size of the box around all voxels.
     pub(super) fn check_extent(&self, dims: [usize; 3], warnings: &mut Vec<Warning>) -> Result<(), ImportError> {
-        let far = dims.map(|d| d.saturating_sub(1) as f64);
-        let corners = (0..8u8).map(|c| {
-            let step = |a: u8| if c >> a & 1 == 1 { 1.0 } else { 0.0 };
-            self.position([step(0) * far[0], step(1) * far[1], step(2) * far[2]])
-        });
-        check_size(Aabb::of(&corners.collect::<Vec<Point>>()).map_or(0.0, |b| b.diagonal()), warnings)
+        check_size(Aabb::of(&self.corners(dims)).map_or(0.0, |b| b.diagonal()), warnings)
+    }
+
+    /// Centres of the eight voxels at the corners; bit `a` of the index is set at the far end of axis `a`.
+    pub(super) fn corners(&self, dims: [usize; 3]) -> [Point; 8] {
+        let [i, j, k] = dims.map(|d| d.saturating_sub(1) as f64);
+        [0u8, 1, 2, 3, 4, 5, 6, 7].map(|c| {
+            let end = |a: u8, far: f64| if c >> a & 1 == 1 { far } else { 0.0 };
+            self.position([end(0, i), end(1, j), end(2, k)])
+        })
     }
 
     /// Centre of the voxel `index`.
@@ -61,6 +65,12 @@ impl VoxelLattice {
     pub(super) fn position(&self, index: [f64; 3]) -> Point {
         self.origin + self.axes[0] * index[0] + self.axes[1] * index[1] + self.axes[2] * index[2]
     }
+}
+
+/// Steps or sizes for messages: `0.5 x 0.5 x 1 mm`.
+pub(super) fn lengths(mm: [f64; 3]) -> String {
+    let [x, y, z] = mm.map(|length| (length * 1e4).round() / 1e4);
+    format!("{x} x {y} x {z} mm")
 }
 
 /// Exactly `N` finite numbers separated by white space.

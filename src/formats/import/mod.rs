@@ -28,6 +28,7 @@
 #![cfg_attr(not(test), warn(clippy::indexing_slicing, clippy::arithmetic_side_effects))]
 
 mod archive;
+mod detached;
 mod dicom;
 mod error;
 mod hounsfield;
@@ -51,14 +52,17 @@ mod text;
 #[cfg(test)]
 mod text_volumes_tests;
 mod volume;
+mod volume_archive;
 mod volume_check;
+mod volume_detect;
 mod volume_settings;
 mod vtu;
 
 pub use error::{ImportError, Limits};
 pub(crate) use stated::LPS_MARKER;
 pub use surface::{SurfaceFormat, detect_surface, surface};
-pub use volume::{detect_volume, volume, volume_with};
+pub use volume::{volume, volume_with};
 pub use volume_check::VolumeCheck;
+pub use volume_detect::detect_volume;
 pub use volume_settings::{SeriesChoice, VolumeFormat, VolumeRead, VolumeSettings};
 pub use vtu::{is_legacy_vtk, volume_mesh};

@@ -5,10 +5,10 @@ use std::io::Write;
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 
-use super::dicom::tests::archive;
+use super::dicom::tests::{Slice, archive};
 use super::hounsfield::Packing;
 use super::number::ByteOrder;
-use super::{ImportError, Limits, VolumeFormat, volume, volume_with};
+use super::{ImportError, Limits, VolumeFormat, VolumeSettings, volume, volume_with};
 use prosopon_geometry::{Point, Vector, Volume};
 
 fn hu() -> Vec<i16> {
@@ -104,11 +104,78 @@ fn meta_image_attached_and_in_an_archive_is_the_same_volume() {
 }
 
 #[test]
+fn meta_image_fields_that_place_the_voxels_are_honoured() {
+    let (head, voxels) = meta_image("LOCAL", ByteOrder::Little, Packing::Plain);
+    let head = String::from_utf8(head).unwrap();
+    let matrix = "TransformMatrix = 0 1 0 -1 0 0 0.09950371902099893 0 0.9950371902099893";
+    let with = |from: &str, to: &str| {
+        assert!(head.contains(from), "{from}");
+        let bytes = [head.replacen(from, to, 1).as_bytes(), &voxels].concat();
+        let (found, warnings) = volume(&bytes, &Limits::default()).unwrap();
+        (found, warnings.iter().map(|w| w.code).collect::<Vec<_>>())
+    };
+    // `ElementSpacing` counts, wherever `ElementSize` stands.
+    let (found, codes) = with("NDims = 3", "NDims = 3\nElementSize = 1 1 1");
+    check(&found, "ElementSize first");
+    assert_eq!(codes, ["anatomical-orientation-differs"]);
+    check(&with("ElementSpacing", "ElementSize").0, "ElementSize alone");
+    check(&with("BinaryData = True", "BinaryData = 1").0, "BinaryData = 1");
+    check(&with("BinaryDataByteOrderMSB = False", "ElementByteOrderMSB = false").0, "ElementByteOrderMSB");
+    assert_eq!(with("AnatomicalOrientation = RAI", "AnatomicalOrientation = ???").1, [] as [&str; 0]);
+    assert_eq!(with("AnatomicalOrientation = RAI", "AnatomicalOrientation = ALI").1, [] as [&str; 0]);
+    let (found, codes) = with(matrix, "TransformMatrix = 0 2 0 -1 0 0 0 0 1");
+    assert!((found.axes[0] - Vector::new(0.0, 20.0, 0.0)).norm() < 1e-9);
+    assert_eq!(codes[0], "directions-not-unit");
+    // Without a matrix the letters say from where the axes come.
+    let letters = format!("{matrix}\nOffset = 1.5 -2 3\nCenterOfRotation = 0 0 0\nAnatomicalOrientation = RAI");
+    let (found, codes) = with(&letters, "Offset = 1.5 -2 3\nAnatomicalOrientation = ALS");
+    assert_eq!(codes, ["no-orientation"]);
+    let expected = [Vector::y() * 10.0, -Vector::x() * 20.0, -Vector::z() * 30.14962686336267];
+    assert!(found.axes.iter().zip(expected).all(|(a, b)| (a - b).norm() < 1e-9), "{:?}", found.axes);
+}
+
+#[test]
+fn meta_image_voxels_in_several_files_and_time_points_are_read() {
+    let slices: Vec<Vec<u8>> = raw(ByteOrder::Little).chunks(24).map(<[u8]>::to_vec).collect();
+    for (value, name) in [("s%02d.raw 1 5 1", "s0"), ("LIST\ns01.raw\ns02.raw\ns03.raw\ns04.raw\ns05.raw", "s0")] {
+        let (head, _) = meta_image(value, ByteOrder::Little, Packing::Plain);
+        let mut files = vec![("h.mhd".to_owned(), head)];
+        files.extend(slices.iter().enumerate().map(|(k, slice)| (format!("{name}{}.raw", k + 1), slice.clone())));
+        check(&volume(&archive(&files), &Limits::default()).unwrap().0, value);
+        files[2].1.pop();
+        let refused = volume(&archive(&files), &Limits::default()).unwrap_err().to_string();
+        assert!(refused.contains("has 23 bytes, expected 24"), "{refused}");
+    }
+    let head = "ObjectType = Image\nNDims = 4\nBinaryData = True\nTransformMatrix = 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n\
+                Offset = 1 2 3 0\nElementSpacing = 10 20 30 1\nDimSize = 3 4 5 2\nElementType = MET_SHORT\n\
+                ElementDataFile = LOCAL\n";
+    let bytes = [head.as_bytes(), &raw(ByteOrder::Little), &raw(ByteOrder::Little)].concat();
+    assert!(volume(&bytes, &Limits::default()).unwrap_err().to_string().contains("holds 2 volumes"));
+    let settings = VolumeSettings { stack: Some(2), ..Default::default() };
+    let found = volume_with(&bytes, &Limits::default(), &settings).unwrap();
+    assert_eq!((found.volume.hu, found.volume.origin), (hu(), Point::new(1.0, 2.0, 3.0)));
+}
+
+#[test]
+fn dicom_images_beside_another_volume_are_read_with_a_warning() {
+    let mut files: Vec<(String, Vec<u8>)> =
+        (0..5).map(|k| (format!("d{k}"), Slice::near(k, "1.2.840.10008.1.2.1").file())).collect();
+    files.push(("x.nrrd".to_owned(), nrrd("raw", ByteOrder::Little, ("LPS", 1.0, 1.0))));
+    let zip = archive(&files);
+    let found = volume_with(&zip, &Limits::default(), &Default::default()).unwrap();
+    assert_eq!(found.format, VolumeFormat::Dicom);
+    let warning = &found.warnings[0];
+    assert!(warning.code == "several-volumes" && warning.message.ends_with("volume 1: file 6, nrrd, 3 x 4 x 5 voxels"));
+    let settings = VolumeSettings { volume: Some(1), ..Default::default() };
+    check(&volume_with(&zip, &Limits::default(), &settings).unwrap().volume, "volume 1");
+}
+
+#[test]
 fn faults_are_named() {
     let nrrd = String::from_utf8_lossy(&nrrd("raw", ByteOrder::Little, ("LPS", 1.0, 1.0))[..300]).into_owned();
     let meta = String::from_utf8(meta_image("LOCAL", ByteOrder::Little, Packing::Plain).0).unwrap();
     for (text, from, to, part) in [
-        (&nrrd, "dimension: 3", "dimension: 4", "three dimensions"),
+        (&nrrd, "dimension: 3", "dimension: 2", "three dimensions"),
         (&nrrd, "sizes: 3 4 5", "sizes: 3 4", "three counts"),
         (&nrrd, "sizes: 3 4 5", "sizes: 3 4 0", "expected three dimensions of 2"),
         (&nrrd, "sizes: 3 4 5", "sizes: 3000 4000 5000", "at most"),
@@ -121,13 +188,13 @@ fn faults_are_named() {
         (&nrrd, "(0,10,0)", "(0,nan,0)", "`space directions`"),
         (&nrrd, "(0,10,0)", "(-40,0,0)", "in one plane"),
         (&nrrd, "\n\n", "\n", "empty line"),
-        (&meta, "NDims = 3", "NDims = 4", "three dimensions"),
+        (&meta, "NDims = 3", "NDims = 2", "three dimensions"),
         (&meta, "DimSize = 3 4 5", "DimSize = 3 4 -5", "three counts"),
         (&meta, "DimSize = 3 4 5", "DimSize = 30000 30000 30000", "at most"),
         (&meta, "MET_SHORT", "MET_LONG_DOUBLE", "`ElementType`"),
         (&meta, "ElementSpacing = 10 20", "ElementSpacing = 10", "`ElementSpacing`"),
         (&meta, "BinaryData = True", "BinaryData = False", "binary"),
-        (&meta, "= LOCAL", "= slices%03d.raw", "series of files"),
+        (&meta, "= LOCAL", "= slices%03d.raw", "pattern with one `%d`"),
         (&meta, "CenterOfRotation = 0 0 0", "CenterOfRotation = 0 0 1", "CenterOfRotation"),
         (&meta, "CompressedData = False", "CompressedData = True\nHeaderSize = -1", "`HeaderSize = -1` with"),
         (&meta, "NDims = 3", "NDims = 3\nHeaderSize = 9999", "`HeaderSize` is negative or larger"),

@@ -1,4 +1,4 @@
-use super::volume::{SHOWING, UNKNOWN, detect_volume};
+use super::volume_detect::{SHOWING, UNKNOWN, detect_volume};
 use super::volume_settings::VolumeFormat;
 use super::{ImportError, Limits, nifti1};
 

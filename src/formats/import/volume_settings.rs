@@ -1,13 +1,15 @@
+use super::ImportError;
+use super::error::malformed;
 use prosopon_geometry::{Volume, Warning};
 
 /// File formats of volumes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VolumeFormat {
-    /// NIfTI-1 in one file (`.nii`), plain or gzipped.
+    /// NIfTI-1: `.nii`, plain or gzipped, or `.hdr` with its `.img` in an archive.
     Nifti,
     /// One DICOM image.
     Dicom,
-    /// NRRD with header and voxels in one file.
+    /// NRRD: `.nrrd`, or `.nhdr` with its voxel files in an archive.
     Nrrd,
     /// MetaImage: `.mha`, or `.mhd` with its voxel file in an archive.
     MetaImage,
@@ -51,6 +53,15 @@ impl SeriesChoice {
 pub struct VolumeSettings {
     /// The DICOM series to read; the largest CT series when absent.
     pub series: Option<SeriesChoice>,
+    /// The stack to read, from 1, in the order of the refusal that lists them: an acquisition, time point, phase, reconstruction or
+    /// direction of a DICOM series, or a time point of a file with four dimensions.
+    pub stack: Option<usize>,
+    /// The volume to read, from 1, of an archive of several that are not DICOM, in the order of the refusal that lists them.
+    pub volume: Option<usize>,
+    /// HU per stored number, instead of what the file says.
+    pub rescale_slope: Option<f64>,
+    /// HU of the stored number zero, instead of what the file says.
+    pub rescale_intercept: Option<f64>,
     /// Accepts series of other modalities than CT.
     pub any_modality: bool,
     /// Largest step between unevenly spaced DICOM slices that is interpolated, mm.
@@ -59,7 +70,51 @@ pub struct VolumeSettings {
 
 impl Default for VolumeSettings {
     fn default() -> Self {
-        Self { series: None, any_modality: false, max_step_mm: 5.0 }
+        Self {
+            series: None,
+            stack: None,
+            volume: None,
+            rescale_slope: None,
+            rescale_intercept: None,
+            any_modality: false,
+            max_step_mm: 5.0,
+        }
+    }
+}
+
+impl VolumeSettings {
+    /// Slope and intercept of a file, or those that replace them.
+    pub(super) fn rescale(&self, slope: f64, intercept: f64) -> (f64, f64) {
+        (self.rescale_slope.unwrap_or(slope), self.rescale_intercept.unwrap_or(intercept))
+    }
+
+    /// Notes which numbers replaced those of the file.
+    pub(super) fn note_rescale(&self, warnings: &mut Vec<Warning>) {
+        let part = |name: &str, value: Option<f64>| value.map(|value| format!("the rescale {name} {value}"));
+        let given: Vec<String> = [part("slope", self.rescale_slope), part("intercept", self.rescale_intercept)]
+            .into_iter()
+            .flatten()
+            .collect();
+        if !given.is_empty() {
+            let found = format!("{} of the request replaced what the file says", given.join(" and "));
+            warnings.push(Warning::info("rescale-given", found));
+        }
+    }
+
+    /// Index of the stack to read of a file that holds `n` volumes one after another.
+    pub(super) fn stack_of(&self, format: &'static str, n: usize) -> Result<usize, ImportError> {
+        match self.stack {
+            None if n == 1 => Ok(0),
+            None => {
+                let detail = format!(
+                    "the file holds {n} volumes (time points or phases), expected one; choose one with `stack`, 1 to {n}"
+                );
+                Err(malformed(format, detail))
+            }
+            Some(number) => number.checked_sub(1).filter(|at| *at < n).ok_or_else(|| {
+                malformed(format, format!("stack {number} was requested, but the file has stacks 1 to {n}"))
+            }),
+        }
     }
 }
 

@@ -246,6 +246,47 @@ async fn a_ct_is_failed_until_an_import_succeeds() {
 }
 
 #[tokio::test]
+async fn a_failed_import_keeps_what_the_reader_found() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let uneven = archive(&stack(&[0.0, 4.0, 8.0, 14.0, 18.0]));
+    app.stand_in.fails_next(FaultKind::VolumeNotUsable, "there is no skin in it");
+    for status in ["failed", "succeeded"] {
+        let job = app.finish(app.upload(&format!("{session}/ct"), uneven.clone()).await).await;
+        assert_eq!(job["status"], status, "{job}");
+        let found = job["warnings"].as_array().unwrap().iter().filter(|w| w["code"] == "uneven-slices");
+        assert_eq!(found.count(), 1, "{job}");
+    }
+}
+
+#[tokio::test]
+async fn one_of_several_stacks_is_chosen_and_a_scale_is_given() {
+    let app = TestApp::new().await;
+    let path = format!("{}/ct", app.session().await);
+    let phase = |first: usize| (0..5).map(move |k| slice("1.2.3.4", first + k, 4.0 * k as f64));
+    // The second phase has other values, and its direction tells it apart.
+    let mut files: Vec<Vec<u8>> = phase(0).collect();
+    let turned = |file: Vec<u8>| {
+        let at = file.windows(12).position(|w| w == b"1\\0\\0\\0\\1\\0 ").unwrap();
+        [&file[..at], b"0\\1\\0\\1\\0\\0 ", &file[at + 12..]].concat()
+    };
+    files.extend(phase(7).map(turned));
+    let refused = app.upload(&path, archive(&files)).await.problem(422, "volume-not-usable");
+    let detail = refused["detail"].as_str().unwrap();
+    assert!(detail.contains("choose one stack with `stack`: stack 1: 5 of 8 x 8 pixels"), "{detail}");
+    assert!(!detail.contains(NAME), "{detail}");
+    for (query, status) in [("stack=1", "succeeded"), ("stack=2&rescale_intercept=-24&rescale_slope=2", "succeeded")] {
+        let job = app.finish(app.upload(&format!("{path}?{query}"), archive(&files)).await).await;
+        assert_eq!(job["status"], status, "{job}");
+        let has_note = job["notes"].as_array().unwrap().iter().any(|note| note["code"] == "rescale-given");
+        assert_eq!(has_note, query.contains("rescale"), "{job}");
+    }
+    for query in ["stack=0", "volume=0", "rescale_slope=0", "rescale_intercept=1e7"] {
+        app.upload(&format!("{path}?{query}"), archive(&files)).await.problem(422, "invalid-request");
+    }
+}
+
+#[tokio::test]
 async fn a_repeated_ct_returns_the_active_import() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;

@@ -41,6 +41,8 @@ pub(crate) fn slice(series: &str, k: usize, height_mm: f64) -> Vec<u8> {
         }
         element(&mut file, [0x28, at], b"US", &value.to_le_bytes());
     }
+    text(&mut file, [0x28, 0x1052], b"DS", "0");
+    text(&mut file, [0x28, 0x1053], b"DS", "1");
     let pixels: Vec<u8> = (0..64i16).flat_map(|i| (i * 20 + k as i16 - 1000).to_le_bytes()).collect();
     element(&mut file, [0x7fe0, 0x10], b"OW", &pixels);
     file

@@ -1,7 +1,9 @@
-//! Reads the header of one image: only the tags named here, which hold no patient data.
+//! Reads the header of one image: only the tags named here and in `labels`, which hold no patient data.
 
 use super::FORMAT;
+use super::decimals::{self, Unread};
 use super::elements::{DataSet, Elements, PIXEL_DATA, Tag, Value};
+use super::labels::{Labels, is_label};
 use super::syntax::Syntax;
 use crate::import::ImportError;
 use crate::import::error::malformed;
@@ -26,12 +28,25 @@ const PADDING: Tag = (0x0028, 0x0120);
 const PADDING_LIMIT: Tag = (0x0028, 0x0121);
 const INTERCEPT: Tag = (0x0028, 0x1052);
 const SLOPE: Tag = (0x0028, 0x1053);
+const RESCALE_TYPE: Tag = (0x0028, 0x1054);
 const LOSSY: Tag = (0x0028, 0x2110);
 /// Sequences of an enhanced image: fields that all frames share, and fields of each frame.
 const SHARED_GROUPS: Tag = (0x5200, 0x9229);
 const FRAME_GROUPS: Tag = (0x5200, 0x9230);
-/// Functional groups that are read: pixel measures, plane position, plane orientation, rescaling.
-const GROUPS: [Tag; 4] = [(0x0028, 0x9110), (0x0020, 0x9113), (0x0020, 0x9116), (0x0028, 0x9145)];
+/// Functional groups that are read: pixel measures, plane position, plane orientation, rescaling, and those with labels: content,
+/// cardiac phase, temporal position, reconstruction, X-ray details, image type.
+const GROUPS: [Tag; 10] = [
+    (0x0028, 0x9110),
+    (0x0020, 0x9113),
+    (0x0020, 0x9116),
+    (0x0028, 0x9145),
+    (0x0020, 0x9111),
+    (0x0018, 0x9118),
+    (0x0020, 0x9310),
+    (0x0018, 0x9314),
+    (0x0018, 0x9325),
+    (0x0018, 0x9329),
+];
 /// Most frames of one file.
 const MAX_FRAMES: usize = 4096;
 
@@ -44,10 +59,25 @@ pub(super) struct PixelEncoding {
     pub(super) signed: bool,
     /// Stored numbers that mark pixels without a measurement.
     pub(super) padding: Option<StoredRange>,
+    /// The whole word that marks such pixels, when it is one value; it may exceed the stored bits.
+    pub(super) padding_word: Option<u16>,
+    /// What the header says about the scale.
+    pub(super) rescale: Rescale,
     /// HU per stored number.
     pub(super) slope: f64,
     /// HU of the stored number zero.
     pub(super) intercept: f64,
+}
+
+/// What the header says about the scale of the stored numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Rescale {
+    /// Slope and intercept, to HU as far as the header says.
+    Hounsfield,
+    /// Slope and intercept, to other values than HU.
+    Other,
+    /// No slope or no intercept.
+    Missing,
 }
 
 /// Range of stored numbers, both ends included.
@@ -95,6 +125,10 @@ pub(in crate::import) struct Header {
     pub(super) plane: Option<ImagePlane>,
     pub(super) encoding: PixelEncoding,
     pub(super) lossy: bool,
+    /// What tells the image from others at its position.
+    pub(super) labels: Labels,
+    /// Attributes whose numbers have commas for decimal points.
+    pub(super) commas: Vec<&'static str>,
 }
 
 /// Headers and pixels of a data set.
@@ -166,7 +200,7 @@ struct Fields<'a>(Vec<(Tag, &'a [u8])>);
 
 impl<'a> Fields<'a> {
     fn keep(&mut self, tag: Tag, bytes: &'a [u8]) {
-        const KEPT: [Tag; 19] = [
+        const KEPT: [Tag; 20] = [
             IMAGE_TYPE,
             MODALITY,
             SERIES,
@@ -185,9 +219,10 @@ impl<'a> Fields<'a> {
             PADDING_LIMIT,
             INTERCEPT,
             SLOPE,
+            RESCALE_TYPE,
             LOSSY,
         ];
-        if KEPT.contains(&tag) {
+        if KEPT.contains(&tag) || is_label(tag) {
             self.0.push((tag, bytes));
         }
     }
@@ -222,21 +257,38 @@ impl<'a> Fields<'a> {
         Some(byte_order.u16(*self.bytes(tag)?.first_chunk::<2>()?))
     }
 
-    /// Decimals separated by backslashes; `None` when the tag is absent or empty.
-    fn decimals(&self, tag: Tag, name: &str) -> Result<Option<Vec<f64>>, ImportError> {
+    /// The decimals of an attribute, which has `expected`; `None` when the tag is absent or empty.
+    fn decimals(
+        &self,
+        tag: Tag,
+        (name, expected): (&'static str, usize),
+        commas: &mut Vec<&'static str>,
+    ) -> Result<Option<Vec<f64>>, ImportError> {
         let Some(bytes) = self.bytes(tag).map(|b| b.trim_ascii()).filter(|b| !b.is_empty() && *b != b"\0") else {
             return Ok(None);
         };
-        let word = |w: &[u8]| {
-            let text = std::str::from_utf8(w).ok()?.trim_matches(['\0', ' ']);
-            text.parse::<f64>().ok().filter(|v| v.is_finite())
-        };
-        let found: Option<Vec<f64>> = bytes.split(|b| *b == b'\\').take(16).map(word).collect();
-        found.map(Some).ok_or_else(|| malformed(FORMAT, format!("{name} is not made of finite numbers")))
+        let found = decimals::read(bytes, expected, tag == INTERCEPT).map_err(|unread| {
+            let detail = match unread {
+                Unread::NotNumbers => format!("{name} is not made of finite numbers"),
+                Unread::Doubtful => format!(
+                    "{name} has commas, and it is in doubt which of them are decimal points: export it with points"
+                ),
+            };
+            malformed(FORMAT, detail)
+        })?;
+        if found.had_commas {
+            commas.push(name);
+        }
+        Ok(Some(found.values))
     }
 
-    fn one_decimal(&self, tag: Tag, name: &str) -> Result<Option<f64>, ImportError> {
-        Ok(self.decimals(tag, name)?.and_then(|v| v.first().copied()))
+    fn one_decimal(
+        &self,
+        tag: Tag,
+        name: &'static str,
+        commas: &mut Vec<&'static str>,
+    ) -> Result<Option<f64>, ImportError> {
+        Ok(self.decimals(tag, (name, 1), commas)?.and_then(|v| v.first().copied()))
     }
 
     fn header(&self, syntax: Syntax) -> Result<Header, ImportError> {
@@ -253,6 +305,8 @@ impl<'a> Fields<'a> {
         let modality = self.bytes(MODALITY).and_then(|b| b.first_chunk::<2>().copied()).unwrap_or(*b"??");
         let localizer =
             self.bytes(IMAGE_TYPE).is_some_and(|b| b.split(|c| *c == b'\\').any(|w| w.trim_ascii() == b"LOCALIZER"));
+        let mut commas = Vec::new();
+        let (plane, encoding) = (self.plane(&mut commas)?, self.encoding(byte_order, &mut commas)?);
         Ok(Header {
             syntax,
             series: self
@@ -270,13 +324,15 @@ impl<'a> Fields<'a> {
             samples: self.number(SAMPLES, byte_order).unwrap_or(1),
             columns: usize::from(columns),
             rows: usize::from(rows),
-            plane: self.plane()?,
-            encoding: self.encoding(byte_order)?,
+            plane,
+            encoding,
             lossy: self.bytes(LOSSY).is_some_and(|b| b.starts_with(b"01")),
+            labels: Labels::read(&|tag| self.bytes(tag), byte_order),
+            commas,
         })
     }
 
-    fn encoding(&self, byte_order: ByteOrder) -> Result<PixelEncoding, ImportError> {
+    fn encoding(&self, byte_order: ByteOrder, commas: &mut Vec<&'static str>) -> Result<PixelEncoding, ImportError> {
         let bits_allocated = self.number(BITS_ALLOCATED, byte_order).unwrap_or(16);
         let bits_stored = self.number(BITS_STORED, byte_order).unwrap_or(bits_allocated);
         let high_bit = self.number(HIGH_BIT, byte_order).unwrap_or(bits_stored.saturating_sub(1));
@@ -291,8 +347,14 @@ impl<'a> Fields<'a> {
             );
             return Err(malformed(FORMAT, detail));
         }
-        let slope = self.one_decimal(SLOPE, "the rescale slope")?;
-        let intercept = self.one_decimal(INTERCEPT, "the rescale intercept")?;
+        let slope = self.one_decimal(SLOPE, "the rescale slope", commas)?;
+        let intercept = self.one_decimal(INTERCEPT, "the rescale intercept", commas)?;
+        let unit = self.bytes(RESCALE_TYPE).map(|b| b.trim_ascii()).filter(|b| !b.is_empty() && *b != b"\0");
+        let rescale = match (slope, intercept) {
+            (Some(_), Some(_)) if unit.is_none_or(|unit| unit == b"HU") => Rescale::Hounsfield,
+            (Some(_), Some(_)) => Rescale::Other,
+            _ => Rescale::Missing,
+        };
         let (slope, intercept) = (slope.unwrap_or(1.0), intercept.unwrap_or(0.0));
         if slope == 0.0 {
             return Err(malformed(FORMAT, "the rescale slope is 0"));
@@ -303,14 +365,25 @@ impl<'a> Fields<'a> {
             let limit = stored(PADDING_LIMIT).unwrap_or(value);
             StoredRange { min: value.min(limit), max: value.max(limit) }
         });
-        Ok(PixelEncoding { bits_allocated, bits_stored, high_bit, signed, padding, slope, intercept })
+        let padding_word = self.number(PADDING, byte_order).filter(|_| padding.is_some_and(|p| p.min == p.max));
+        Ok(PixelEncoding {
+            bits_allocated,
+            bits_stored,
+            high_bit,
+            signed,
+            padding,
+            padding_word,
+            rescale,
+            slope,
+            intercept,
+        })
     }
 
-    fn plane(&self) -> Result<Option<ImagePlane>, ImportError> {
+    fn plane(&self, commas: &mut Vec<&'static str>) -> Result<Option<ImagePlane>, ImportError> {
         let (position, orientation, spacing) = (
-            self.decimals(POSITION, "the image position")?,
-            self.decimals(ORIENTATION, "the image orientation")?,
-            self.decimals(SPACING, "the pixel spacing")?,
+            self.decimals(POSITION, ("the image position", 3), commas)?,
+            self.decimals(ORIENTATION, ("the image orientation", 6), commas)?,
+            self.decimals(SPACING, ("the pixel spacing", 2), commas)?,
         );
         let (Some(position), Some(orientation), Some(spacing)) = (position, orientation, spacing) else {
             return Ok(None);

@@ -4,8 +4,12 @@
 //! file only states, and decodes and keeps every tag. Here a value is a slice of the file, only the tags named in `header`
 //! are read, and no patient data are ever decoded. Crates decode JPEG, JPEG-LS and JPEG 2000; RLE is decoded here.
 
+mod decimals;
 mod elements;
 mod header;
+mod image;
+mod labels;
+mod phases;
 mod pixels;
 mod rle;
 mod series;
@@ -26,10 +30,10 @@ use super::volume_settings::VolumeSettings;
 use super::{ImportError, Limits};
 use elements::DataSet;
 pub(super) use header::Header;
-use header::Images;
+use header::{Images, Rescale};
+use image::Image;
 use pixels::DecodedImage;
 use prosopon_geometry::{Volume, Warning};
-use series::Image;
 use stack::StackLayout;
 
 pub(super) const FORMAT: &str = "DICOM";
@@ -71,9 +75,21 @@ pub(super) fn assemble(
     settings: &VolumeSettings,
     warnings: &mut Vec<Warning>,
 ) -> Result<Assembled, ImportError> {
-    let stack = series::choose(found, settings, warnings)?;
-    let images = stack.images;
-    let layout = stack::layout(&images, settings.max_step_mm, warnings)?;
+    let mut stack = series::choose(found, settings, warnings)?;
+    let mut images = std::mem::take(&mut stack.images);
+    if settings.rescale_slope.is_none() && settings.rescale_intercept.is_none() {
+        warn_of_rescale(&images, warnings);
+    }
+    for image in &mut images {
+        let encoding = &mut image.header.encoding;
+        (encoding.slope, encoding.intercept) = settings.rescale(encoding.slope, encoding.intercept);
+    }
+    warn_of_commas(&images, warnings);
+    let advised = |error: ImportError| match &stack.several {
+        Some(list) => error.adding(&format!("; the series has several stacks, choose one with `stack`: {list}")),
+        None => error,
+    };
+    let layout = stack::layout(&images, settings.max_step_mm, warnings).map_err(advised)?;
     let Some(Image { header, plane, .. }) = images.first() else {
         return Err(malformed(FORMAT, "there are no images"));
     };
@@ -93,6 +109,10 @@ pub(super) fn assemble(
     lattice.check_extent(dims, warnings)?;
 
     let stored = decode(&images, &layout, per_slice, fetch, warnings)?;
+    let Some(stored) = stored else {
+        let detail = "two different images lie at one position: the series mixes scans, phases or reconstructions";
+        return Err(advised(malformed(FORMAT, detail)));
+    };
     let hu = match &layout.uneven {
         None => stored,
         Some(positions) => resample(&stored, per_slice, positions, layout.depth),
@@ -101,14 +121,41 @@ pub(super) fn assemble(
     Ok(Assembled { volume, series: stack.series })
 }
 
-/// HU of all slices, in order; refuses images at the same position that differ.
+/// Warns of images whose header does not say how to convert them to HU.
+fn warn_of_rescale(images: &[Image], warnings: &mut Vec<Warning>) {
+    const ACT: &str = "Check the levels of skin and bone, or send `rescale_slope` and `rescale_intercept`.";
+    let count = |what| images.iter().filter(|i| i.header.encoding.rescale == what).count();
+    let (missing, other) = (count(Rescale::Missing), count(Rescale::Other));
+    if missing > 0 {
+        let found =
+            format!("{missing} images have no rescale slope or intercept: their values are grey values, not HU");
+        warnings.push(Warning::check("no-rescale", found).act(ACT));
+    }
+    if other > 0 {
+        let found = format!("the header of {other} images says that their rescaled values are not HU");
+        warnings.push(Warning::check("no-rescale", found).act(ACT));
+    }
+}
+
+fn warn_of_commas(images: &[Image], warnings: &mut Vec<Warning>) {
+    let n = images.iter().filter(|i| !i.header.commas.is_empty()).count();
+    if n > 0 {
+        let mut names: Vec<&str> = images.iter().flat_map(|i| i.header.commas.iter().copied()).collect();
+        names.sort_unstable();
+        names.dedup();
+        let found = format!("{n} images have decimal commas, which were read as points, in {}", names.join(", "));
+        warnings.push(Warning::info("decimal-commas", found));
+    }
+}
+
+/// HU of all slices, in order; `None` when images at the same position differ.
 fn decode(
     images: &[Image],
     layout: &StackLayout,
     per_slice: usize,
     fetch: &(dyn Fn(usize) -> Result<Vec<u8>, ImportError> + Sync),
     warnings: &mut Vec<Warning>,
-) -> Result<Vec<i16>, ImportError> {
+) -> Result<Option<Vec<i16>>, ImportError> {
     // An enhanced image holds all frames in one file, which is fetched once.
     let whole = match images.first() {
         Some(first) if images.len() > 1 && images.iter().all(|i| i.file == first.file) => Some(fetch(first.file)?),
@@ -140,12 +187,11 @@ fn decode(
         let slice = layout.slices.iter().position(|s| *s == duplicate.slice).unwrap_or(0);
         let start = slice.saturating_mul(per_slice);
         if hu.get(start..start.saturating_add(per_slice)) != Some(&decoded(duplicate.image)?.hu) {
-            let detail = "two different images lie at one position: the series mixes scans or reconstructions";
-            return Err(malformed(FORMAT, detail));
+            return Ok(None);
         }
     }
     warn_of_changes(images, &changes, warnings);
-    Ok(hu)
+    Ok(Some(hu))
 }
 
 /// Changes of the values of one slice.

@@ -42,6 +42,8 @@ pub(super) fn hounsfield(header: &Header, value: &Value<'_>) -> Result<DecodedIm
         Pixels::Unread(code) => return Err(malformed(FORMAT, unread(code))),
     };
     let padding = usable_padding(&header.encoding);
+    // A padding value above the stored bits is cut to a value of tissue by them; only the whole word shows it.
+    let whole = header.encoding.padding_word.filter(|_| padding.is_some() && is_whole(header));
     let mut n_padding = 0u64;
     let unused = 16u32.saturating_sub(u32::from(bits_stored));
     let hu = words.into_iter().map(|word| {
@@ -49,7 +51,7 @@ pub(super) fn hounsfield(header: &Header, value: &Value<'_>) -> Result<DecodedIm
         let lifted = (word >> shift) << unused;
         let stored =
             if header.encoding.signed { i32::from(lifted as i16 >> unused) } else { i32::from(lifted >> unused) };
-        if padding.is_some_and(|range| (range.min..=range.max).contains(&stored)) {
+        if padding.is_some_and(|range| (range.min..=range.max).contains(&stored)) || whole == Some(word) {
             n_padding = n_padding.saturating_add(1);
             return AIR;
         }
@@ -57,6 +59,11 @@ pub(super) fn hounsfield(header: &Header, value: &Value<'_>) -> Result<DecodedIm
     });
     let hu = hu.collect();
     Ok(DecodedImage { hu, n_padding, scale })
+}
+
+/// Whether the words hold all allocated bits.
+fn is_whole(header: &Header) -> bool {
+    matches!(header.syntax.pixels, Pixels::Plain | Pixels::Rle)
 }
 
 /// The padding range of an image, unless tissue has such values.

@@ -4,26 +4,19 @@ use std::cmp::Ordering;
 
 use super::FORMAT;
 use super::header::{Header, ImagePlane};
+use super::image::{Image, alike, height};
+use super::phases::{Split, split};
 use crate::import::ImportError;
 use crate::import::error::malformed;
 use crate::import::volume_settings::{SeriesChoice, VolumeSettings};
 use prosopon_geometry::Warning;
 
-/// Directions and spacings that differ by less, through rounded decimals, count as the same.
-const MAX_DIFFERENCE: f64 = 1e-3;
 /// Largest share of slices that may be left out for their geometry: half of a series does not cover a head.
 const MAX_LEFT_OUT_SHARE: f64 = 0.25;
 /// Most geometries (size, spacing, direction) in one series.
 const MAX_STACKS: usize = 64;
-
-/// An image with its position, and its file in the archive.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Image {
-    /// Index of the file in the archive.
-    pub(super) file: usize,
-    pub(super) header: Header,
-    pub(super) plane: ImagePlane,
-}
+/// Most series or stacks that a message lists.
+const LISTED: usize = 50;
 
 /// The images with one series identifier.
 struct Series {
@@ -54,13 +47,15 @@ pub(super) struct Stack {
     pub(super) images: Vec<Image>,
     /// Number of the series, from 1, when there are several.
     pub(super) series: Option<usize>,
+    /// The numbered stacks of the series, when there are several and the request chose none.
+    pub(super) several: Option<String>,
 }
 
 /// Chooses the images of the volume.
 ///
-/// They belong to the requested series, else to the CT series with most slices; within it, they are the largest set of
-/// images of one size and direction. Warnings list what was left out. They name series by number, in the order of the
-/// identifiers, and never repeat an identifier.
+/// They belong to the requested series, else to the CT series with most slices; within it, they are the requested stack, else
+/// the largest set of images of one size and direction. Warnings list what was left out. They name series by number, in the
+/// order of the identifiers, and never repeat an identifier.
 pub(super) fn choose(
     found: Vec<(usize, Header)>,
     settings: &VolumeSettings,
@@ -94,7 +89,8 @@ pub(super) fn choose(
         warnings
             .push(Warning::check("several-series", found).act("Request another series if this is not the right one."));
     }
-    Ok(Stack { images: largest_stack(all.swap_remove(index).images, warnings)?, series })
+    let (images, several) = stack_of(all.swap_remove(index).images, settings.stack, warnings)?;
+    Ok(Stack { images, series, several })
 }
 
 /// The images by series, in the order of the identifiers.
@@ -120,70 +116,132 @@ fn list(all: &[Series]) -> String {
         let n = series.images.len();
         format!("series {number}: {}, {n} images of {} x {}", series.modality(), size.0, size.1)
     };
-    all.iter().enumerate().map(summary).take(50).collect::<Vec<_>>().join("; ")
+    all.iter().enumerate().map(summary).take(LISTED).collect::<Vec<_>>().join("; ")
 }
 
 fn is_slice(header: &Header) -> bool {
     !header.localizer && header.frames == 1 && header.samples == 1 && header.plane.is_some()
 }
 
-fn largest_stack(images: Vec<(usize, Header)>, warnings: &mut Vec<Warning>) -> Result<Vec<Image>, ImportError> {
-    let all = images.len();
-    let several = images.iter().filter(|(_, h)| h.frames > 1).count();
-    let mut stacks: Vec<Vec<Image>> = Vec::new();
+/// The images by size, spacing and direction: the largest set first, and without the images that are no slices.
+fn by_geometry(images: Vec<(usize, Header)>) -> Result<Vec<Vec<Image>>, ImportError> {
+    let mut sets: Vec<Vec<Image>> = Vec::new();
     for (file, header) in images {
         let Some(plane) = header.plane.filter(|_| is_slice(&header)) else { continue };
         let image = Image { file, header, plane };
-        let full = stacks.len() == MAX_STACKS;
-        match stacks.iter_mut().find(|s| s.first().is_some_and(|other| alike(other, &image))) {
-            Some(stack) => stack.push(image),
+        let full = sets.len() == MAX_STACKS;
+        match sets.iter_mut().find(|s| s.first().is_some_and(|other| alike(other, &image))) {
+            Some(set) => set.push(image),
             None if full => {
                 return Err(malformed(
                     FORMAT,
                     format!("the images of the series have more than {MAX_STACKS} sizes and directions"),
                 ));
             }
-            None => stacks.push(vec![image]),
+            None => sets.push(vec![image]),
         }
     }
-    let slices: usize = stacks.iter().map(Vec::len).sum();
-    let list: Vec<String> = stacks.iter().take(8).map(|s| description(s)).collect();
-    // Among equally large stacks the choice does not depend on the order of the files.
-    let largest = stacks.into_iter().max_by(|a, b| a.len().cmp(&b.len()).then_with(|| order(b, a)));
-    let Some(stack) = largest else {
-        let detail = if several > 0 {
+    // Among equally large sets the order does not depend on that of the files.
+    sets.sort_by(|a, b| b.len().cmp(&a.len()).then_with(|| order(a, b)));
+    Ok(sets)
+}
+
+/// The images of the requested stack, else of the largest geometry; with the numbered stacks when there are several.
+fn stack_of(
+    images: Vec<(usize, Header)>,
+    requested: Option<usize>,
+    warnings: &mut Vec<Warning>,
+) -> Result<(Vec<Image>, Option<String>), ImportError> {
+    let all = images.len();
+    let several_frames = images.iter().any(|(_, h)| h.frames > 1);
+    let mut sets = by_geometry(images)?;
+    let slices: usize = sets.iter().map(Vec::len).sum();
+    let Some(largest) = sets.first() else {
+        let detail = if several_frames {
             "the images have several frames without positions: export one file per slice"
         } else {
             "no image has a position, orientation and pixel spacing"
         };
         return Err(malformed(FORMAT, detail));
     };
-    if slices.saturating_sub(stack.len()) as f64 > MAX_LEFT_OUT_SHARE * slices as f64 {
-        let detail =
-            format!("the slices of the series differ in geometry, send only one of these sets: {}", list.join("; "));
-        return Err(malformed(FORMAT, detail));
-    }
-    let not_slices = all.saturating_sub(slices);
-    if not_slices > 0 {
+    let splits: Vec<Option<Split>> = sets.iter().map(|set| split(set)).collect();
+    let parts = parts(&sets, &splits);
+    let list: Vec<String> = parts.iter().take(LISTED).map(|part| part.text.clone()).collect();
+    let list = list.join("; ");
+    let left_out_slices = all.saturating_sub(slices);
+    if left_out_slices > 0 {
         let found =
-            format!("{not_slices} images of the series were left out: localizers, or images without a position");
+            format!("{left_out_slices} images of the series were left out: localizers, or images without a position");
         warnings.push(Warning::info("localizers-left-out", found));
     }
-    let others = slices.saturating_sub(stack.len());
+    if let Some(number) = requested {
+        let part = number.checked_sub(1).and_then(|at| parts.get(at)).ok_or_else(|| {
+            malformed(FORMAT, format!("stack {number} was requested, but the series has {}: {list}", parts.len()))
+        })?;
+        let set = sets.get(part.set).map(Vec::as_slice).unwrap_or_default();
+        return Ok((part.images.iter().filter_map(|at| set.get(*at).cloned()).collect(), None));
+    }
+    let others = slices.saturating_sub(largest.len());
+    if others as f64 > MAX_LEFT_OUT_SHARE * slices as f64 {
+        let detail = format!("the slices of the series differ in geometry; choose one stack with `stack`: {list}");
+        return Err(malformed(FORMAT, detail));
+    }
     if others > 0 {
         let found = format!("{others} images of another size or direction than most of the series were left out");
         warnings.push(Warning::check("slices-left-out", found).act("Check that the volume covers the head."));
     }
-    Ok(stack)
+    if let Some(Some(Split { overlaps: false, .. })) = splits.first() {
+        let found = format!("slices of several scans lie between each other and were read as one volume: {list}");
+        warnings.push(Warning::check("interleaved-stacks", found).act("Send `stack` with the number of one of them."));
+    }
+    let several = (parts.len() > 1).then_some(list);
+    Ok((sets.swap_remove(0), several))
 }
 
-/// Describes a stack for messages.
-fn description(stack: &[Image]) -> String {
+/// Images that make one volume.
+struct Part {
+    /// Index of their geometry.
+    set: usize,
+    /// Their indices in it.
+    images: Vec<usize>,
+    /// Number and description.
+    text: String,
+}
+
+/// All stacks, numbered from 1: those of the largest geometry first.
+fn parts(sets: &[Vec<Image>], splits: &[Option<Split>]) -> Vec<Part> {
+    let mut parts: Vec<Part> = Vec::new();
+    for (index, (set, split)) in sets.iter().zip(splits).enumerate() {
+        let groups = match split {
+            Some(split) => split.groups.clone(),
+            None => vec![((0..set.len()).collect(), String::new())],
+        };
+        for (images, what) in groups {
+            let of: Vec<&Image> = images.iter().filter_map(|at| set.get(*at)).collect();
+            let comma = if what.is_empty() { "" } else { ", " };
+            let text = format!("stack {}: {}{comma}{what}", parts.len().saturating_add(1), description(&of));
+            parts.push(Part { set: index, images, text });
+        }
+    }
+    parts
+}
+
+/// Describes a stack for messages: size, direction, and the range along its normal.
+fn description(stack: &[&Image]) -> String {
     let Some(first) = stack.first() else { return String::new() };
     let ([x, y], [column, row]) = ([first.header.columns, first.header.rows], first.plane.spacing);
     let [a, b] =
         [first.plane.along_row, first.plane.along_column].map(|d| format!("({:.2}, {:.2}, {:.2})", d.x, d.y, d.z));
-    format!("{} of {x} x {y} pixels of {column} x {row} mm along {a} and {b}", stack.len())
+    let along = |image: &&&Image| height(std::slice::from_ref(*first), image);
+    let end = |order: fn(&f64, &f64) -> Ordering| {
+        let far = stack.iter().max_by(|p, q| order(&along(p), &along(q)));
+        far.map_or_else(String::new, |i| {
+            let [x, y, z] = [i.plane.origin.x, i.plane.origin.y, i.plane.origin.z];
+            format!("({x:.1}, {y:.1}, {z:.1})")
+        })
+    };
+    let (from, to) = (end(|p, q| q.total_cmp(p)), end(f64::total_cmp));
+    format!("{} of {x} x {y} pixels of {column} x {row} mm along {a} and {b}, from {from} to {to} mm", stack.len())
 }
 
 /// Orders stacks by the directions of their images, then by spacing and size.
@@ -200,17 +258,6 @@ fn plane_order(a: &ImagePlane, b: &ImagePlane) -> Ordering {
         [r.x, r.y, r.z, c.x, c.y, c.z, columns, rows]
     };
     key(a).into_iter().zip(key(b)).fold(Ordering::Equal, |order, (a, b)| order.then(a.total_cmp(&b)))
-}
-
-/// Whether two images can be slices of one volume.
-#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
-fn alike(a: &Image, b: &Image) -> bool {
-    let near = |x: f64, y: f64| (x - y).abs() <= MAX_DIFFERENCE * x.abs();
-    (a.header.columns, a.header.rows) == (b.header.columns, b.header.rows)
-        && near(a.plane.spacing[0], b.plane.spacing[0])
-        && near(a.plane.spacing[1], b.plane.spacing[1])
-        && (a.plane.along_row - b.plane.along_row).norm() <= MAX_DIFFERENCE
-        && (a.plane.along_column - b.plane.along_column).norm() <= MAX_DIFFERENCE
 }
 
 #[cfg(test)]

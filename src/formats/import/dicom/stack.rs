@@ -1,13 +1,13 @@
 //! Orders the slices of a stack and finds the step between them.
 
 use super::FORMAT;
-use super::series::Image;
+use super::image::{Image, height};
 use crate::import::ImportError;
 use crate::import::error::malformed;
 use prosopon_geometry::{Point, Vector, Warning};
 
 /// Slices nearer to each other than this have the same position, mm.
-const MIN_STEP_MM: f64 = 0.01;
+pub(super) const MIN_STEP_MM: f64 = 0.01;
 /// Largest deviation of a slice from an evenly spaced stack that counts as even, as a share of the step.
 const MAX_UNEVENNESS: f64 = 0.05;
 /// Largest distance of a slice from the straight line of the stack, as a share of a pixel.
@@ -49,8 +49,8 @@ pub(super) fn layout(
 ) -> Result<StackLayout, ImportError> {
     let Some(first) = images.first() else { return Err(malformed(FORMAT, "there are no images")) };
     let normal = first.plane.along_row.cross(&first.plane.along_column).normalize();
-    let height = |i: &Image| (i.plane.origin - first.plane.origin).dot(&normal);
-    let mut order: Vec<(f64, usize)> = images.iter().enumerate().map(|(at, image)| (height(image), at)).collect();
+    let mut order: Vec<(f64, usize)> =
+        images.iter().enumerate().map(|(at, image)| (height(images, image), at)).collect();
     // Images at equal heights keep the order of their files.
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
 

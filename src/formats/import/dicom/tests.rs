@@ -1,5 +1,7 @@
 mod doubtful;
 mod enhanced;
+mod phases;
+mod values;
 
 use std::io::{Cursor, Write};
 
@@ -41,6 +43,12 @@ pub(in crate::import) struct Slice {
     pixels: Vec<i32>,
     /// Without the 128 bytes, `DICM` and meta information.
     bare: bool,
+    /// Further elements that hold text.
+    extra: Vec<((u16, u16), String)>,
+    /// Whether slope and intercept are written.
+    rescaled: bool,
+    /// What stands for the point of decimals.
+    point: &'static str,
 }
 
 impl Slice {
@@ -62,7 +70,16 @@ impl Slice {
             frames: 1,
             pixels: (0..COLUMNS * ROWS).map(hu).collect(),
             bare: false,
+            extra: Vec::new(),
+            rescaled: true,
+            point: ".",
         }
+    }
+
+    /// The same with another element that holds text.
+    fn with(mut self, tag: (u16, u16), text: impl ToString) -> Self {
+        self.extra.push((tag, text.to_string()));
+        self
     }
 
     /// As [`Slice::new`], with steps of 4 mm.
@@ -77,7 +94,10 @@ impl Slice {
     pub(in crate::import) fn file(&self) -> Vec<u8> {
         let explicit = self.syntax != IMPLICIT;
         let mut set = Writer { bytes: Vec::new(), explicit, little: self.syntax != BIG };
-        let text = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join("\\");
+        let text = |values: &[f64]| {
+            let words: Vec<String> = values.iter().map(|v| v.to_string().replace('.', self.point)).collect();
+            words.join("\\")
+        };
         set.text((8, 8), b"CS", self.kind);
         set.text((8, 0x60), b"CS", self.modality);
         set.text((0x10, 0x10), b"PN", "NAME^OF PATIENT");
@@ -97,8 +117,13 @@ impl Slice {
         if let Some(padding) = self.padding {
             set.number((0x28, 0x120), padding as u16);
         }
-        set.text((0x28, 0x1052), b"DS", &self.intercept.to_string());
-        set.text((0x28, 0x1053), b"DS", &self.slope.to_string());
+        if self.rescaled {
+            set.text((0x28, 0x1052), b"DS", &text(&[self.intercept]));
+            set.text((0x28, 0x1053), b"DS", &text(&[self.slope]));
+        }
+        for (tag, text) in &self.extra {
+            set.text(*tag, b"LO", text);
+        }
         self.put_pixels(&mut set);
         let set = set.bytes;
         if self.bare {

@@ -4,7 +4,6 @@ use nifti::NiftiHeader;
 
 use super::super::ImportError;
 use super::super::error::malformed;
-use super::super::hounsfield::Scale;
 use super::super::number::NumberType;
 use super::FORMAT;
 
@@ -18,9 +17,19 @@ pub(super) fn number_type_of(header: &NiftiHeader) -> Result<NumberType, ImportE
         64 => NumberType::F64,
         256 => NumberType::I8,
         512 => NumberType::U16,
+        768 => NumberType::U32,
+        1024 => NumberType::I64,
+        1280 => NumberType::U64,
         code => {
-            let read = "2, 4, 8, 16, 64, 256, 512 (8 to 32 bit integers and floats)";
-            return Err(malformed(FORMAT, format!("the voxels have the data type {code}, expected {read}")));
+            let kind = match code {
+                1 => " (bits)",
+                32 | 1792 | 2048 => " (complex numbers)",
+                128 | 2304 => " (colours)",
+                1536 => " (floats of 128 bits)",
+                _ => "",
+            };
+            let read = "2, 4, 8, 16, 64, 256, 512, 768, 1024, 1280 (integers and floats of 8 to 64 bits)";
+            return Err(malformed(FORMAT, format!("the voxels have the data type {code}{kind}, expected {read}")));
         }
     };
     let bits = i64::from(header.bitpix);
@@ -32,13 +41,13 @@ pub(super) fn number_type_of(header: &NiftiHeader) -> Result<NumberType, ImportE
 }
 
 /// The slope and intercept in the header; a slope of zero or NaN means no scaling.
-pub(super) fn scale_of(header: &NiftiHeader) -> Result<Scale, ImportError> {
+pub(super) fn scale_of(header: &NiftiHeader) -> Result<(f64, f64), ImportError> {
     let [slope, intercept] = [header.scl_slope, header.scl_inter].map(f64::from);
     if slope == 0.0 || slope.is_nan() {
-        return Ok(Scale::new(1.0, 0.0));
+        return Ok((1.0, 0.0));
     }
     if !(slope.is_finite() && intercept.is_finite()) {
         return Err(malformed(FORMAT, format!("slope {slope:?} and intercept {intercept:?}, expected finite numbers")));
     }
-    Ok(Scale::new(slope, intercept))
+    Ok((slope, intercept))
 }

@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Write};
 
 use flate2::write::MultiGzDecoder;
 
-use super::{FORMAT, GZIP, HEADER, check_header, unreadable};
+use super::{FORMAT, GZIP, HEADER, check_header, read_header, unreadable};
 use crate::import::error::malformed;
 use crate::import::{ImportError, Limits};
 
@@ -50,7 +50,8 @@ impl Count {
     /// Reads the header once it is complete. The length of the file is not known yet.
     fn look(&mut self, limits: &Limits) -> Result<(), ImportError> {
         if self.needed.is_none() && self.header.len() as u64 == HEADER {
-            self.needed = Some(check_header(&mut self.header.as_slice(), u64::MAX, limits, &mut Vec::new())?.end);
+            let header = read_header(&mut self.header.as_slice())?;
+            self.needed = Some(check_header(header, HEADER, u64::MAX, limits, &mut Vec::new())?.end);
         }
         Ok(())
     }

@@ -3,9 +3,10 @@ use std::io::Write;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
+use super::super::dicom::tests::archive;
 use super::super::number::ByteOrder;
-use super::super::{ImportError, Limits, VolumeCheck, volume};
-use prosopon_geometry::{Point, Vector, Volume, Warning};
+use super::super::{ImportError, Limits, VolumeCheck, VolumeSettings, volume, volume_with};
+use prosopon_geometry::{Point, Severity, Vector, Volume, Warning};
 
 fn read(bytes: &[u8]) -> Result<(Volume, Vec<Warning>), ImportError> {
     volume(bytes, &Limits::default())
@@ -84,6 +85,12 @@ impl File {
     fn sform(&mut self, rows: [[f32; 4]; 3]) {
         for (index, value) in rows.as_flattened().iter().enumerate() {
             self.f32(280 + 4 * index, *value);
+        }
+    }
+
+    fn spacing(&mut self, steps: [f32; 3]) {
+        for (axis, step) in steps.into_iter().enumerate() {
+            self.f32(80 + 4 * axis, step);
         }
     }
 
@@ -189,24 +196,119 @@ fn missing_orientation_and_other_units_give_warnings() {
     file.bytes[123] = 0;
     let (found, warnings) = read(&file.plain()).unwrap();
     assert_eq!(found.axes[1], Vector::new(0.0, -20.0, 0.0));
-    assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["no-orientation", "no-unit"]);
+    assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["no-unit", "no-orientation"]);
 
     let mut metres = File::new(ByteOrder::Little);
     metres.bytes[123] = 1;
+    metres.spacing([0.01, 0.02, 0.03]);
     metres.sform([[0.01, 0.0, 0.0, 0.0], [0.0, 0.02, 0.0, 0.0], [0.0, 0.0, 0.03, 0.0]]);
     let (found, warnings) = read(&metres.plain()).unwrap();
     assert!((found.axes[2] - Vector::new(0.0, 0.0, 30.0)).norm() < 1e-5);
-    assert_eq!(warnings[0].code, "converted-unit");
+    assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["converted-unit"]);
     metres.bytes[123] = 2;
+    metres.spacing([1e-3; 3]);
     metres.sform([[1e-3, 0.0, 0.0, 0.0], [0.0, 1e-3, 0.0, 0.0], [0.0, 0.0, 1e-3, 0.0]]);
     assert!(matches!(read(&metres.plain()), Err(ImportError::ImplausibleSize { .. })));
+}
+
+/// The file's lattice and the codes of its warnings.
+fn lattice(file: &File) -> (Point, [Vector; 3], Vec<&'static str>) {
+    let (found, warnings) = read(&file.plain()).unwrap();
+    (found.origin, found.axes, warnings.iter().map(|w| w.code).collect())
+}
+
+#[test]
+fn an_sform_of_another_size_than_pixdim_gets_the_steps_of_pixdim() {
+    let (origin, axes, _) = lattice(&File::new(ByteOrder::Little));
+    for (steps, codes) in [
+        ([1.0f32, 1.0, 1.0], &["sform-scale-differs"][..]),
+        ([10.0, 20.0, 30.002], &["sform-scale-differs"]),
+        ([10.0, 20.0, 30.0005], &[]),
+    ] {
+        let mut file = File::new(ByteOrder::Little);
+        let [x, y, z] = steps;
+        file.sform([[x, 0.0, 0.0, 1.0], [0.0, y, 0.0, 2.0], [0.0, 0.0, z, 3.0]]);
+        let found = lattice(&file);
+        assert_eq!((found.0, &found.2[..]), (origin, codes), "{steps:?}");
+        assert!(found.1.iter().zip(axes).all(|(a, b)| (a - b).norm() < 1e-3), "{steps:?}");
+        // A negative `pixdim` is a length too.
+        file.spacing([-10.0, 20.0, -30.0]);
+        assert_eq!(lattice(&file).2, codes);
+    }
+    // A `pixdim` of zero says nothing.
+    let mut file = File::new(ByteOrder::Little);
+    file.sform([[11.0, 0.0, 0.0, 0.0], [0.0, 22.0, 0.0, 0.0], [0.0, 0.0, 33.0, 0.0]]);
+    file.spacing([0.0, 20.0, 30.0]);
+    assert_eq!((lattice(&file).1[2].z, lattice(&file).2), (33.0, vec![]));
+    let mut file = File::new(ByteOrder::Little);
+    file.sform([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
+    let warning = &read(&file.plain()).unwrap().1[0];
+    assert!(warning.message.contains("are 1 x 1 x 1 mm, but `pixdim` states 10 x 20 x 30 mm"), "{warning}");
+}
+
+#[test]
+fn an_sform_and_a_qform_that_differ_anywhere_are_chosen_as_itk_does() {
+    // Cubes, so that a swap of axes keeps the first and the last corner.
+    let mut file = File::new(ByteOrder::Little);
+    file.dims(&[4, 4, 4]);
+    file.voxels((0..64i16).flat_map(|i| (i * 50 - 1000).to_le_bytes()), 2);
+    file.spacing([20.0; 3]);
+    file.qform(1.0, [0.0; 3], [0.0; 3]);
+    let straight = [[20.0, 0.0, 0.0, 0.0], [0.0, 20.0, 0.0, 0.0], [0.0, 0.0, 20.0, 0.0]];
+    let swapped = [straight[1], straight[0], straight[2]];
+    for (code, sform, first_axis, codes) in [
+        (1, straight, Vector::new(-20.0, 0.0, 0.0), &[][..]),
+        (2, straight, Vector::new(-20.0, 0.0, 0.0), &[]),
+        (1, swapped, Vector::new(0.0, -20.0, 0.0), &["sform-differs"]),
+        (2, swapped, Vector::new(-20.0, 0.0, 0.0), &["sform-differs"]),
+    ] {
+        file.i16(254, code);
+        file.sform(sform);
+        let (_, axes, found) = lattice(&file);
+        assert_eq!((axes[0], &found[..]), (first_axis, codes), "{code}");
+    }
+    let warning = &read(&file.plain()).unwrap().1[0];
+    assert!(
+        warning.message.contains("84.9 mm (4.2 voxels)") && warning.message.contains("the qform was used"),
+        "{warning}"
+    );
+}
+
+#[test]
+fn an_unusable_sform_or_qform_leaves_the_other() {
+    let turned = [Vector::new(0.0, -10.0, 0.0), Vector::new(20.0, 0.0, 0.0), Vector::new(0.0, 0.0, 30.0)];
+    let quarter = [0.0, 0.0, 0.5f32.sqrt()];
+    let with = |sform: Option<[[f32; 4]; 3]>, quaternion: [f32; 3]| {
+        let mut file = File::new(ByteOrder::Little);
+        file.qform(1.0, quaternion, [0.0; 3]);
+        sform.into_iter().for_each(|rows| file.sform(rows));
+        file
+    };
+    let flat = [[1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+    for (sform, severity) in
+        [([[0.0; 4]; 3], Severity::Info), (flat, Severity::Check), ([[f32::NAN; 4]; 3], Severity::Check)]
+    {
+        let (found, warnings) = read(&with(Some(sform), quarter).plain()).unwrap();
+        assert!(found.axes.iter().zip(turned).all(|(a, b)| (a - b).norm() < 1e-5), "{:?}", found.axes);
+        let codes: Vec<_> = warnings.iter().map(|w| (w.code, w.severity)).collect();
+        assert_eq!(codes, [("one-form-not-usable", severity)]);
+    }
+    assert_eq!(lattice(&with(None, [1.0, 1.0, 0.0])).2, ["one-form-not-usable"]);
+    // Neither is usable: the qform's fault; without a qform a zero sform is no orientation.
+    let neither = read(&with(Some([[0.0; 4]; 3]), [1.0, 1.0, 0.0]).plain()).unwrap_err();
+    assert!(neither.to_string().contains("quaternion"), "{neither}");
+    let mut file = with(Some([[0.0; 4]; 3]), quarter);
+    file.i16(252, 0);
+    assert_eq!(lattice(&file).2, ["no-orientation"]);
 }
 
 #[test]
 fn oblique_and_sheared_axes_stay_as_they_are() {
     let mut file = File::new(ByteOrder::Little);
     file.sform([[10.0, 1.0, 2.0, 1.0], [-3.0, 20.0, 4.0, 2.0], [5.0, 6.0, 30.0, 3.0]]);
-    let (found, _) = read(&file.plain()).unwrap();
+    file.spacing([134f32.sqrt(), 437f32.sqrt(), 920f32.sqrt()]);
+    let (found, warnings) = read(&file.plain()).unwrap();
+    assert_eq!(warnings, []);
     let expected = [Vector::new(-10.0, 3.0, 5.0), Vector::new(-1.0, -20.0, 6.0), Vector::new(-2.0, -4.0, 30.0)];
     assert_eq!(found.axes, expected);
 }
@@ -220,11 +322,12 @@ fn faults_are_named() {
         assert!(error.contains(part), "expected {part}, found {error}");
     };
     check(&|f| f.i32(0, 540), "NIfTI-2");
-    check(&|f| f.bytes[344..348].copy_from_slice(b"ni1\0"), "two files");
+    check(&|f| f.bytes[344..348].copy_from_slice(b"ni1\0"), "in one zip archive");
     check(&|f| f.bytes[344..348].copy_from_slice(b"abcd"), "no NIfTI-1 header");
     check(&|f| f.kind(32, 64), "data type 32");
     check(&|f| f.kind(4, 32), "32 bits");
-    check(&|f| f.dims(&[3, 4, 5, 2]), "three dimensions");
+    check(&|f| f.dims(&[3, 4, 5, 1, 2]), "of 2 numbers (vectors or colours)");
+    check(&|f| f.kind(128, 24), "data type 128 (colours)");
     check(&|f| f.dims(&[3, 4]), "three dimensions");
     check(&|f| f.dims(&[3, 4, 1]), "three dimensions");
     check(&|f| f.dims(&[3, 4, -1]), "three dimensions");
@@ -268,6 +371,75 @@ fn a_damaged_or_bloated_gzip_file_is_refused() {
     let (found, warnings) = read(&encoder.finish().unwrap()).unwrap();
     assert_eq!(found.hu.len(), 60);
     assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["bytes-after-voxels"]);
+}
+
+#[test]
+fn one_of_several_time_points_is_chosen() {
+    for order in [ByteOrder::Little, ByteOrder::Big] {
+        let mut file = File::new(order);
+        file.dims(&[3, 4, 5, 3]);
+        file.voxels((0..180i16).flat_map(|i| (i * 10 - 1000).to_le_bytes()), 2);
+        for bytes in [file.plain(), file.gzipped()] {
+            let ask = |stack| volume_with(&bytes, &Limits::default(), &VolumeSettings { stack, ..Default::default() });
+            assert!(ask(None).unwrap_err().to_string().contains("holds 3 volumes"));
+            for stack in 1..4 {
+                let found = ask(Some(stack)).unwrap();
+                let first = 600 * (stack as i16 - 1) - 1000;
+                assert_eq!(found.volume.hu, (0..60).map(|i| first + 10 * i).collect::<Vec<i16>>());
+                assert!(found.warnings.iter().all(|w| w.code == "no-air"), "{:?}", found.warnings);
+            }
+            assert!(ask(Some(4)).unwrap_err().to_string().contains("stacks 1 to 3"));
+            assert_eq!(scan(bytes.chunks(100)).0, Ok(()));
+            assert!(volume(&bytes[..bytes.len() - 20], &Limits::default()).is_err());
+        }
+        let one = {
+            file.dims(&[3, 4, 5, 1]);
+            file.voxels((0..60i16).flat_map(|i| (i * 50 - 1000).to_le_bytes()), 2);
+            file
+        };
+        assert_eq!(read(&one.plain()).unwrap(), read(&File::new(order).plain()).unwrap());
+    }
+}
+
+#[test]
+fn a_header_and_its_voxels_in_one_archive_are_one_volume() {
+    let expected = read(&File::new(ByteOrder::Little).plain()).unwrap();
+    let mut file = File::new(ByteOrder::Little);
+    file.bytes[344..348].copy_from_slice(b"ni1\0");
+    file.f32(108, 0.0);
+    let (head, voxels) = (file.bytes[..348].to_vec(), file.bytes[352..].to_vec());
+    for (name, head, voxels) in [
+        ("a/v.img", head.clone(), voxels.clone()),
+        ("a/V.IMG", head.clone(), voxels.clone()),
+        ("a/v.img.gz", gzip(&head), gzip(&voxels)),
+    ] {
+        let zip = archive(&[("a/v.hdr".to_owned(), head), (name.to_owned(), voxels)]);
+        assert_eq!(read(&zip).unwrap(), expected, "{name}");
+    }
+    let alone = read(&archive(&[("a/v.hdr".to_owned(), head)])).unwrap_err().to_string();
+    assert!(alone.contains("ending .img"), "{alone}");
+}
+
+#[test]
+fn a_file_alone_is_its_only_volume() {
+    let ask = |volume| {
+        let settings = VolumeSettings { volume: Some(volume), ..Default::default() };
+        volume_with(&File::new(ByteOrder::Little).plain(), &Limits::default(), &settings)
+    };
+    assert!(ask(1).is_ok());
+    assert!(ask(2).unwrap_err().to_string().contains("volume 2 was requested"));
+}
+
+#[test]
+fn a_request_replaces_the_scale() {
+    let mut file = File::new(ByteOrder::Little);
+    file.f32(112, 2.0);
+    file.f32(116, -24.0);
+    let settings = VolumeSettings { rescale_intercept: Some(-10.0), ..Default::default() };
+    let found = volume_with(&file.plain(), &Limits::default(), &settings).unwrap();
+    assert_eq!(found.volume.hu, (0..60).map(|i| 2 * (i * 50 - 1000) - 10).collect::<Vec<i16>>());
+    let codes: Vec<_> = found.warnings.iter().map(|w| (w.code, w.severity)).collect();
+    assert_eq!(codes, [("rescale-given", Severity::Info)]);
 }
 
 /// Result of a scan of the pieces, and the number of pieces it took before it refused.

@@ -8,7 +8,10 @@ use prosopon_geometry::Point;
 use prosopon_jobs::ImportRequest;
 use prosopon_planning::surface::{BONE_LEVELS_HU, CtSettings, SKIN_LEVELS_HU};
 
-/// Settings for extracting surfaces from a CT.
+/// Largest rescale slope and intercept of a request; those of files are below 10000.
+const MAX_RESCALE: f64 = 1e6;
+
+/// Settings for reading a CT and for extracting surfaces from it.
 #[derive(Debug, Clone, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
@@ -25,6 +28,19 @@ pub struct CtQuery {
     ///
     /// The largest CT series when absent. The service uses an identifier for this choice only and does not store it.
     pub series: Option<String>,
+    /// Number from 1 of the stack to read if the series, or a file with four dimensions, has several.
+    ///
+    /// A stack is an acquisition, a time point, a phase, a reconstruction or a direction. Without this number such an upload is
+    /// refused, and the refusal lists the stacks.
+    pub stack: Option<u32>,
+    /// Number from 1 of the volume to read if the archive has several that are not DICOM.
+    ///
+    /// Without this number such an upload is refused, and the refusal lists the volumes.
+    pub volume: Option<u32>,
+    /// HU per stored number, 0.000001 to 1000000; what the file says when absent.
+    pub rescale_slope: Option<f64>,
+    /// HU of the stored number zero, -1000000 to 1000000; what the file says when absent.
+    pub rescale_intercept: Option<f64>,
     /// Largest step between uneven DICOM slices that is interpolated, mm, 0.1 to 20; 5 when absent.
     pub max_step_mm: Option<f64>,
 }
@@ -40,8 +56,19 @@ impl CtQuery {
             max_error_mm: check.number("max_error_mm", self.max_error_mm.unwrap_or(default.max_error_mm), 0.0, 5.0),
         };
         let default = VolumeSettings::default();
+        for (name, number) in [("stack", self.stack), ("volume", self.volume)] {
+            if number == Some(0) {
+                check.fault(name, "is 0, counted from 1");
+            }
+        }
         let reading = VolumeSettings {
             series: self.series.as_deref().map(SeriesChoice::of),
+            stack: self.stack.map(|number| number as usize),
+            volume: self.volume.map(|number| number as usize),
+            rescale_slope: self.rescale_slope.map(|slope| check.number("rescale_slope", slope, 1e-6, MAX_RESCALE)),
+            rescale_intercept: self
+                .rescale_intercept
+                .map(|hu| check.number("rescale_intercept", hu, -MAX_RESCALE, MAX_RESCALE)),
             max_step_mm: check.number("max_step_mm", self.max_step_mm.unwrap_or(default.max_step_mm), 0.1, 20.0),
             ..default
         };

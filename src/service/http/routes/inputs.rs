@@ -54,13 +54,14 @@ pub(in crate::http) struct InputQuery {
 
 /// Upload a CT
 ///
-/// A DICOM series as a zip archive, NIfTI (plain or gzipped), NRRD (header attached, raw or gzip) or MetaImage (`.mha`, or
-/// `.mhd` and its voxels in a zip archive). The upload streams to disk; an `import` job extracts skin, skull and air from it.
+/// A DICOM series as a zip archive, NIfTI (plain or gzipped), NRRD or MetaImage; a header with its voxels in other files (`.nhdr`,
+/// `.mhd`, `.hdr`) comes with these in one zip archive. The upload streams to disk; an `import` job extracts skin, skull and air from it.
 ///
 /// DICOM files may be in any order and encoding (implicit, explicit, big endian, deflated, RLE, JPEG, JPEG lossless, JPEG-LS,
 /// JPEG 2000). The service stores only the voxels and their lattice, and drops everything that identifies a patient before it
 /// answers. Oblique and sheared (gantry tilt) stacks keep their geometry. Unevenly spaced slices are interpolated up to
-/// `max_step_mm`; larger steps are refused with the list of steps.
+/// `max_step_mm`; larger steps are refused with the list of steps. Several acquisitions, time points or phases of one series,
+/// and several volumes in one archive, are refused with a list, of which `stack` or `volume` chooses one.
 #[utoipa::path(put, path = "/v1/sessions/{session}/ct", operation_id = "putCt", tag = "inputs",
     params(("session" = Uuid, Path), CtQuery),
     request_body(content = Vec<u8>, content_type = "application/octet-stream"),

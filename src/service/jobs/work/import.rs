@@ -13,7 +13,11 @@ use prosopon_store::{JobFilter, JobKind, JobState, PartKind, PartRecord, encode_
 /// Extracts skin, skull, air and soft tissue from the session's CT.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let parts = context.parts().await?;
-    let (records, warnings) = make(context, &parts, context.request()?).await?;
+    // The job's row gets the findings of reading also when it fails, since they may say why it does.
+    let read: CtDocument = read(&parts.require(PartKind::Ct)?.document)?;
+    read.findings.iter().for_each(|finding| context.running.warn(finding.clone()));
+    let (records, mut warnings) = make(context, &parts, context.request()?).await?;
+    warnings.retain(|warning| !read.findings.iter().any(|known| known == warning));
     let store = &context.service.store;
     context.service.persist(|| store.put_parts(context.job.session, &records)).await?;
     if !records.iter().any(|part| part.kind == PartKind::Air) {

@@ -34,7 +34,7 @@ impl Writer {
 }
 
 /// The slices as frames of one file, each with `fragments` of encapsulated pixels.
-fn enhanced(slices: &[Slice], open: bool, fragments: usize, described: usize) -> Vec<u8> {
+pub(super) fn enhanced(slices: &[Slice], open: bool, fragments: usize, described: usize) -> Vec<u8> {
     let first = &slices[0];
     let mut set = Writer { bytes: Vec::new(), explicit: first.syntax != IMPLICIT, little: first.syntax != BIG };
     let text = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join("\\");
@@ -65,6 +65,14 @@ fn enhanced(slices: &[Slice], open: bool, fragments: usize, described: usize) ->
                     g.text((0x28, 0x1053), b"DS", &s.slope.to_string());
                 };
                 w.items((0x28, 0x9145), &group(w, &scale), !open);
+                let content = |g: &mut Writer| {
+                    s.extra.iter().for_each(|(tag, number)| {
+                        let number: u32 = number.parse().unwrap();
+                        let bytes = if g.little { number.to_le_bytes() } else { number.to_be_bytes() };
+                        g.bytes(*tag, b"UL", &bytes);
+                    })
+                };
+                w.items((0x20, 0x9111), &group(w, &content), open);
             })
         })
         .collect();

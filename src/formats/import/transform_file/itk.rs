@@ -44,7 +44,8 @@ pub fn itk_affine(transforms: &[ItkTransform]) -> Result<Affine, String> {
         whole =
             Affine { offset_mm: whole.matrix * part.offset_mm + whole.offset_mm, matrix: whole.matrix * part.matrix };
     }
-    Ok(whole)
+    let is_finite = whole.matrix.iter().chain(&whole.offset_mm).all(|n| n.is_finite());
+    if is_finite { Ok(whole) } else { Err("its numbers are too large".to_owned()) }
 }
 
 /// The class without number type and dimensions, which must be three.

@@ -113,4 +113,4 @@ pub fn transform(bytes: &[u8]) -> Result<(Affine, TransformFormat), ImportError>
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -68,7 +68,7 @@ const AFFINE_PARAMETERS: [f64; 12] = [
     6.0,
 ];
 
-pub(in super::super) fn text(transforms: &[&str]) -> Vec<u8> {
+fn text(transforms: &[&str]) -> Vec<u8> {
     let numbered = transforms.iter().enumerate().map(|(index, t)| format!("#Transform {index}\n{t}"));
     format!("#Insight Transform File V1.0\n{}", numbered.collect::<String>()).into_bytes()
 }
@@ -79,15 +79,16 @@ fn unpacked(base64: &str) -> Vec<u8> {
     bytes
 }
 
-/// Files in HDF5 of every kind, for the fuzz test too.
-pub(in super::super) fn hdf5_files() -> Vec<Vec<u8>> {
-    [files::ITK_5_4, files::ITK_5_4_COMPOSITE, files::OLD, files::OLD_COMPRESSED, files::CHUNKS_OF_4]
-        .map(unpacked)
-        .into()
+/// Files of every kind, for the fuzz test too.
+pub(in super::super) fn files_of_every_kind() -> Vec<Vec<u8>> {
+    let hdf5 = [files::ITK_5_4, files::ITK_5_4_COMPOSITE, files::OLD, files::OLD_COMPRESSED, files::CHUNKS_OF_4];
+    let matlab = [("AffineTransform_double_3_3", &AFFINE_PARAMETERS[..]), ("fixed", &[6.0, -60.0, 38.0])];
+    let plain = [text(&[EULER_TEXT]), matlab_file(&matlab, false), matlab_file(&matlab, true)];
+    hdf5.map(unpacked).into_iter().chain(plain).collect()
 }
 
 /// A MATLAB 4 file of variables.
-pub(in super::super) fn matlab_file(variables: &[(&str, &[f64])], big_endian: bool) -> Vec<u8> {
+fn matlab_file(variables: &[(&str, &[f64])], big_endian: bool) -> Vec<u8> {
     let word = |n: u32| if big_endian { n.to_be_bytes() } else { n.to_le_bytes() };
     let one = |(name, numbers): &(&str, &[f64])| {
         let kind = if big_endian { 1000 } else { 0 };
@@ -190,7 +191,7 @@ fn what_is_no_rigid_transform_is_refused_with_the_reason() {
 /// A file that is cut off or has a changed byte gives an error or a transform, and no panic.
 #[test]
 fn damaged_files_are_refused() {
-    let sound = hdf5_files();
+    let sound = files_of_every_kind();
     for file in &sound {
         for end in (0..file.len()).step_by(97) {
             transform(&file[..end]).ok();

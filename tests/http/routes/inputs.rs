@@ -95,8 +95,7 @@ async fn a_form_with_one_file_is_read_as_the_file() {
     };
     for part in ["skin", "skull", "target", "bones/0"] {
         let plain = app.upload(&format!("{session}/{part}"), skin()).await.ok();
-        let mut sent = send(part, form(&[("name=\"file\"; filename=\"skin.stl\"", &skin())])).await.ok();
-        sent["wall_s"] = plain["wall_s"].clone();
+        let sent = send(part, form(&[("name=\"file\"; filename=\"skin.stl\"", &skin())])).await.ok();
         assert_eq!(sent, plain, "{part}");
     }
     // A form that arrives in pieces.
@@ -131,10 +130,11 @@ async fn a_form_is_stopped_at_the_limit_of_its_file() {
     let app = TestApp::with(|config| config.limits.max_surface_bytes = 1 << 20).await;
     let path = format!("{}/skin", app.session().await);
     let head = Bytes::from_static(b"--x-x\r\nContent-Disposition: form-data; name=\"f\"; filename=\"a\"\r\n\r\n");
-    let zeros = stream::repeat_with(|| Ok::<_, std::io::Error>(Bytes::from(vec![0u8; 1 << 16])));
-    let endless = Body::from_stream(stream::once(async { Ok(head) }).chain(zeros));
-    app.call(Method::PUT, &path, &[("content-type", FORM)], endless).await.problem(413, "too-large");
-    let headless = Body::from_stream(stream::repeat_with(|| Ok::<_, std::io::Error>(Bytes::from(vec![0u8; 1 << 16]))));
+    // Four megabytes; the service reads and drops the rest of what it refuses.
+    let zeros = || stream::repeat_with(|| Ok::<_, std::io::Error>(Bytes::from(vec![0u8; 1 << 16]))).take(64);
+    let long = Body::from_stream(stream::once(async { Ok(head) }).chain(zeros()));
+    app.call(Method::PUT, &path, &[("content-type", FORM)], long).await.problem(413, "too-large");
+    let headless = Body::from_stream(zeros());
     app.call(Method::PUT, &path, &[("content-type", FORM)], headless).await.problem(400, "malformed-request");
     assert_eq!(files_below(&app.directory().join("blobs")), 0);
 }

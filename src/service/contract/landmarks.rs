@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::check::{Check, REACH_MM, short_number};
 use super::fault::Fault;
-use super::markups::from_ras;
+use super::markups_names::from_ras;
 use super::warning::{Findings, WarningDocument};
 use prosopon_formats::import::LandmarkFrame;
 use prosopon_geometry::{Aabb, Point, Vector};

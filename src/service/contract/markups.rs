@@ -6,7 +6,7 @@ use super::check::Check;
 use super::fault::{Fault, FaultKind};
 use super::fault_from::import_fault;
 use super::landmarks::LandmarksDocument;
-use super::markups_names::Named;
+use super::markups_names::{Named, from_ras, listed};
 use prosopon_formats::import::{LandmarkFile, LandmarkFrame, fiducials, looks_like_fiducials};
 use prosopon_geometry::Warning;
 
@@ -83,7 +83,7 @@ fn frame_findings(file: &LandmarkFile) -> Vec<Warning> {
         found.push(from_ras(file.from_ras));
     }
     if !file.unplaced.is_empty() {
-        let (n, labels) = (file.unplaced.len(), super::markups_names::listed(&file.unplaced));
+        let (n, labels) = (file.unplaced.len(), listed(&file.unplaced));
         let message = format!("{n} points of the file have no position and were left out: {labels}");
         found.push(Warning::info("landmarks-not-placed", message));
     }
@@ -94,11 +94,6 @@ fn frame_findings(file: &LandmarkFile) -> Vec<Warning> {
         ));
     }
     found
-}
-
-/// The note that `count` landmarks were converted.
-pub(super) fn from_ras(count: usize) -> Warning {
-    Warning::info("landmarks-from-ras", format!("{count} landmarks were converted from RAS to LPS"))
 }
 
 /// Reads the member `markups` of a `.mrk.json` file.
@@ -119,11 +114,7 @@ fn markups(value: &Value) -> Result<Read, Fault> {
         }
     }
     if !left_out.is_empty() {
-        let message = format!(
-            "{} markups that hold no landmarks were left out: {}",
-            left_out.len(),
-            super::markups_names::listed(&left_out)
-        );
+        let message = format!("{} markups that hold no landmarks were left out: {}", left_out.len(), listed(&left_out));
         read.findings.push(Warning::info("markups-left-out", message));
     }
     check.finish()?;

@@ -102,6 +102,11 @@ impl Named {
     }
 }
 
+/// The note that `count` landmarks were converted.
+pub(super) fn from_ras(count: usize) -> Warning {
+    Warning::info("landmarks-from-ras", format!("{count} landmarks were converted from RAS to LPS"))
+}
+
 /// `label → name` for the first of `list`.
 fn pairs(list: &[&(String, String)]) -> String {
     let shown: Vec<String> = list.iter().map(|(label, name)| format!("`{}` → `{name}`", shown(label))).collect();

@@ -23,6 +23,7 @@ pub struct ItkTransform {
 ///
 /// # Errors
 /// A text that says what is missing or cannot be used.
+#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 pub fn itk_affine(transforms: &[ItkTransform]) -> Result<Affine, String> {
     let parts = match transforms {
         [] => return Err("it has no transform".to_owned()),
@@ -58,6 +59,7 @@ fn class_of(transform: &ItkTransform) -> Result<&str, String> {
     Ok(class)
 }
 
+#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 fn one(transform: &ItkTransform) -> Result<Affine, String> {
     let class = class_of(transform)?;
     let p = Numbers::of(&transform.parameters)?;
@@ -108,11 +110,13 @@ fn one(transform: &ItkTransform) -> Result<Affine, String> {
 }
 
 /// `y = m (x - centre) + centre + t`.
+#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 fn about(m: Matrix3<f64>, t: Vector, centre: Vector) -> Affine {
     Affine { matrix: m, offset_mm: t + centre - m * centre }
 }
 
 /// Rotations about fixed axes, radian: y first, then x, then z; or x first, then y, then z.
+#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 fn euler(angles: Vector, is_zyx: bool) -> Matrix3<f64> {
     let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
     let x = about(Vector3::x_axis(), angles.x);

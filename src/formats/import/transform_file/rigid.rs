@@ -52,6 +52,7 @@ pub struct RigidMotion {
 ///
 /// # Errors
 /// [`NotRigid`] where an entry of `RᵀR - I` exceeds [`RIGID_WITHIN`], or the map mirrors.
+#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 pub fn rigid_motion(affine: &Affine) -> Result<RigidMotion, NotRigid> {
     let Affine { matrix, offset_mm } = affine;
     if !matrix.iter().all(|c| c.abs() < REACH_MM) || !offset_mm.iter().all(|c| c.abs() <= REACH_MM) {

@@ -40,7 +40,7 @@ impl Reader<'_> {
         let kind = if flags & 8 == 0 { 0 } else { fields.u8()? };
         fields.take(if flags & 4 == 0 { 0 } else { 8 })?;
         fields.take(usize::from(flags & 16 != 0))?;
-        let length = fields.uint(1usize << (flags & 3))?;
+        let length = fields.uint(1usize.checked_shl(u32::from(flags & 3))?)?;
         let name = String::from_utf8_lossy(fields.take(usize::try_from(length).ok()?)?).into_owned();
         if kind != 0 {
             return Some(None);

@@ -53,7 +53,7 @@ impl<'a> Reader<'a> {
             let flags = fields.u8()?;
             fields.take(if flags & 0x20 == 0 { 0 } else { 16 })?;
             fields.take(if flags & 0x10 == 0 { 0 } else { 4 })?;
-            let length = fields.uint(1usize << (flags & 3))?;
+            let length = fields.uint(1usize.checked_shl(u32::from(flags & 3))?)?;
             return Some((fields.take(usize::try_from(length).ok()?)?, Layout::Two(flags & 4 != 0)));
         }
         let (version, _, _, _) = (fields.u8()?, fields.u8()?, fields.u16()?, fields.u32()?);
@@ -77,7 +77,8 @@ fn push_messages<'a>(mut fields: Fields<'a>, layout: Layout, found: &mut Vec<Mes
         };
         fields.take(match layout {
             Layout::One => 4,
-            Layout::Two(has_order) => 1 + 2 * usize::from(has_order),
+            Layout::Two(false) => 1,
+            Layout::Two(true) => 3,
         })?;
         Some((kind, fields.take(usize::from(length))?))
     };

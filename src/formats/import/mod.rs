@@ -32,6 +32,7 @@ mod detached;
 mod dicom;
 mod error;
 mod hounsfield;
+mod landmark_file;
 mod lattice;
 #[cfg(test)]
 mod malformed_tests;
@@ -51,6 +52,7 @@ mod test_fuzz;
 mod text;
 #[cfg(test)]
 mod text_volumes_tests;
+mod transform_file;
 mod volume;
 mod volume_archive;
 mod volume_check;
@@ -59,8 +61,15 @@ mod volume_settings;
 mod vtu;
 
 pub use error::{ImportError, Limits};
+pub use landmark_file::{
+    LandmarkFile, LandmarkFrame, LandmarkName, fiducials, landmark_name, legal_name, looks_like_fiducials,
+};
 pub(crate) use stated::LPS_MARKER;
 pub use surface::{SurfaceFormat, detect_surface, surface};
+pub use transform_file::{
+    Affine, ItkTransform, NotRigid, RIGID_WITHIN, RigidMotion, TransformFormat, detect_transform, itk_affine,
+    rigid_motion, rigid_of_matrix, transform,
+};
 pub use volume::{volume, volume_with};
 pub use volume_check::VolumeCheck;
 pub use volume_detect::detect_volume;

@@ -5,6 +5,9 @@ use utoipa::ToSchema;
 
 use super::check::{Check, REACH_MM, short_number};
 use super::fault::Fault;
+use super::markups_names::from_ras;
+use super::warning::{Findings, WarningDocument};
+use prosopon_formats::import::LandmarkFrame;
 use prosopon_geometry::{Aabb, Point, Vector};
 use prosopon_planning::plan::{Landmarks, Proposal};
 
@@ -35,6 +38,17 @@ pub enum LandmarksFrame {
     LpsMm,
 }
 
+/// Coordinate system of landmarks in a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub enum CoordinateSystemName {
+    /// x towards the patient's left, y backwards, z upwards.
+    #[serde(rename = "LPS")]
+    Lps,
+    /// x towards the patient's right, y forwards, z upwards.
+    #[serde(rename = "RAS")]
+    Ras,
+}
+
 /// Landmarks and planes of a head, LPS mm.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -48,6 +62,9 @@ pub struct LandmarksDocument {
     /// Frame and unit of all coordinates; LPS and mm when absent. No other is accepted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<LandmarksFrame>,
+    /// Coordinate system of the request; LPS when absent. The service converts RAS to LPS, with a note; answers are in LPS.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coordinate_system: Option<CoordinateSystemName>,
     /// Accuracy of the points, mm, as a note for readers; nothing depends on it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accuracy_mm: Option<f64>,
@@ -70,6 +87,12 @@ pub struct LandmarksDocument {
     /// Measured on heads with known landmarks; larger where the two sides of the head disagree. Kept for the names in `proposed`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub proposed_within_mm: BTreeMap<String, f64>,
+    /// What someone should look at, in answers; absent when there is nothing. Requests may send it back; it is left out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<WarningDocument>,
+    /// What was converted or renamed, in answers; absent when there is nothing. Requests may send it back; it is left out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<WarningDocument>,
 }
 
 impl From<&LandmarksDocument> for Landmarks {
@@ -133,10 +156,41 @@ impl LandmarksDocument {
             );
         }
         self.le_fort_1_plane = self.le_fort_1_plane.map(|p| checked_plane(&mut check, "/le_fort_1_plane", &p));
+        self.warnings.clear();
+        self.notes.clear();
+        self.take_to_lps(&mut check);
         check.finish()?;
         let proposed = &self.proposed;
         self.proposed_within_mm.retain(|name, _| proposed.contains(name));
         Ok(self)
+    }
+
+    /// Adds findings on how the landmarks were read.
+    pub fn note(&mut self, found: Findings) {
+        self.warnings.extend(found.warnings);
+        self.notes.extend(found.notes);
+    }
+
+    /// Takes the findings out.
+    pub fn take_findings(&mut self) -> Findings {
+        Findings { warnings: std::mem::take(&mut self.warnings), notes: std::mem::take(&mut self.notes) }
+    }
+
+    /// Converts everything to LPS, with a note, where the request states RAS.
+    fn take_to_lps(&mut self, check: &mut Check) {
+        if self.coordinate_system.take() != Some(CoordinateSystemName::Ras) {
+            return;
+        }
+        if self.frame.is_some() {
+            check.fault("/coordinate_system", "is RAS, but `frame` states LPS; give one of them");
+        }
+        let lps = |point: [f64; 3]| LandmarkFrame::Ras.to_lps(point);
+        self.points.values_mut().for_each(|point| *point = lps(*point));
+        self.midline_x_mm = self.midline_x_mm.map(|x| 0.0 - x);
+        if let Some(plane) = &mut self.le_fort_1_plane {
+            *plane = PlacedPlane { point_mm: lps(plane.point_mm), normal: lps(plane.normal) };
+        }
+        self.notes.push(from_ras(self.points.len()).into());
     }
 
     /// Adds proposals for landmarks that are not given.

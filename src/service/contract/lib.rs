@@ -22,6 +22,8 @@ mod field;
 mod file_faults;
 mod json;
 mod landmarks;
+mod markups;
+mod markups_names;
 mod material;
 mod material_check;
 mod mesh;
@@ -39,6 +41,8 @@ mod statistics;
 mod step;
 mod surface;
 mod tissue;
+mod transform_json;
+mod transform_request;
 mod warning;
 
 pub use attachment::{AttachedDocument, Attachment, BeyondName, NodeClassName, PaintDocument};
@@ -66,7 +70,8 @@ pub use field::{
 };
 pub use file_faults::FileFaults;
 pub use json::{from_json, to_json};
-pub use landmarks::{LandmarksDocument, LandmarksFrame, PlacedPlane};
+pub use landmarks::{CoordinateSystemName, LandmarksDocument, LandmarksFrame, PlacedPlane};
+pub use markups::landmarks_of_file;
 pub use material::{
     D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument,
     UnstableMaterialName, VolumetricName,
@@ -81,8 +86,8 @@ pub use osteotomy::{
 };
 pub use plan::{PathDocument, PathReportDocument, PathSample, PlanDocument, WaypointDocument};
 pub use plan_request::{
-    Autorotate, AxisAngle, CreatePlan, Hinge, PathRequest, PitchRollYaw, RotationRequest, Segments, WaypointRequest,
-    segment_motion,
+    Autorotate, AxisAngle, CheckedPlan, CreatePlan, Hinge, PathRequest, PitchRollYaw, RotationRequest, Segments,
+    WaypointRequest, segment_motion,
 };
 pub use region::RegionRequest;
 pub use registration::RegistrationDocument;
@@ -93,4 +98,5 @@ pub use statistics::StatisticsDocument;
 pub use step::{LeftOutDocument, ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
 pub use surface::{CtDocument, OriginKind, SurfaceDocument, SurfaceOrigin};
 pub use tissue::TissueDocument;
+pub use transform_request::{TransformDirection, TransformFileRequest};
 pub use warning::{Findings, SeverityName, WarningDocument};

@@ -43,6 +43,9 @@ pub struct PathSample {
     pub gap_mm3: f64,
 }
 
+/// Codes of findings on the request of a plan, which stay when it is measured.
+const OF_REQUEST: [&str; 2] = ["transform-file", "rotation-adjusted"];
+
 /// Report of a segment's path: displacement, overlaps and gaps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PathReportDocument {
@@ -118,11 +121,21 @@ impl PlanDocument {
         self
     }
 
+    /// The same plan with what was noticed in its request.
+    #[must_use]
+    pub fn noted(mut self, found: Vec<Warning>) -> Self {
+        self.findings.extend(found);
+        self
+    }
+
     /// The same plan with `reports`, which took `wall_s` to compute.
     #[must_use]
     pub fn reported(self, reports: &[PathReport], wall_s: f64) -> Self {
+        let of_request = self.findings.iter().filter(|found| OF_REQUEST.contains(&found.code.as_str()));
+        let mut findings: Findings = of_request.cloned().collect();
+        findings.extend(reports.iter().flat_map(|report| report.warnings.clone()));
         Self {
-            findings: reports.iter().flat_map(|report| report.warnings.clone()).collect(),
+            findings,
             reports: reports.iter().map(PathReportDocument::from).collect(),
             wall_s: self.wall_s + wall_s,
             ..self

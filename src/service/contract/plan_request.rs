@@ -12,8 +12,12 @@ use super::landmarks::LandmarksDocument;
 use super::motion::motion_from;
 use super::osteotomy::OsteotomyDocument;
 use super::tissue::TissueDocument;
-use prosopon_geometry::{Motion, Point, Vector};
+use super::transform_request::{TransformFileRequest, matrix_motion};
+use prosopon_geometry::{Motion, Point, Vector, Warning};
 use prosopon_planning::plan::{CondylarAxis, Path, Plan, PlanError};
+
+/// Largest component of a translation, mm: ten times what an operation moves.
+const FARTHEST_MM: f64 = 100.0;
 
 /// A rotation given by axis and angle.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
@@ -79,8 +83,8 @@ pub struct Hinge {
     pub angle_deg: f64,
 }
 
-/// The segment's motion from rest at path parameter `t`: translation and rotation, or a hinge.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+/// The segment's motion from rest at path parameter `t`: translation and rotation, a hinge, a matrix, or a transform file.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WaypointRequest {
     /// Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
@@ -94,6 +98,15 @@ pub struct WaypointRequest {
     /// Hinge rotation; excludes `translation_mm` and `rotation`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hinge: Option<Hinge>,
+    /// Motion as a 4 × 4 matrix, `matrix[row][column]`, LPS mm, that maps points of the bone from rest to this position.
+    ///
+    /// It must turn and shift alone: the last row is 0 0 0 1, and no entry of `RᵀR - 1` exceeds 0.001 (a scale of 1.0005). The
+    /// nearest rotation is used, with a note. It excludes the other forms of a motion.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matrix: Option<[[f64; 4]; 4]>,
+    /// Motion as a file of ITK, 3D Slicer or ANTs. It excludes the other forms of a motion.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub transform_file: Option<TransformFileRequest>,
 }
 
 /// Autorotation: the mandible rotates about its condyles as the upper jaw moves.
@@ -107,7 +120,7 @@ pub struct Autorotate {
     pub follows: u32,
 }
 
-/// Path of one segment, given by waypoints or by `autorotate`.
+/// Path of one segment, given by waypoints, by `autorotate`, or by its end as a matrix or transform file.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PathRequest {
@@ -121,6 +134,28 @@ pub struct PathRequest {
     /// Autorotation instead of waypoints.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub autorotate: Option<Autorotate>,
+    /// Position at the end of the path as a 4 × 4 matrix: short for one waypoint at `t` = 1 with this `matrix`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matrix: Option<[[f64; 4]; 4]>,
+    /// Position at the end of the path as a file: short for one waypoint at `t` = 1 with this `transform_file`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub transform_file: Option<TransformFileRequest>,
+}
+
+impl PathRequest {
+    /// The waypoint at the end that `matrix` or `transform_file` of the path stands for.
+    fn end(&self) -> Option<WaypointRequest> {
+        let (matrix, transform_file) = (self.matrix, self.transform_file.clone());
+        let is_given = matrix.is_some() || transform_file.is_some();
+        is_given.then_some(WaypointRequest {
+            t: 1.0,
+            translation_mm: None,
+            rotation: None,
+            hinge: None,
+            matrix,
+            transform_file,
+        })
+    }
 }
 
 /// Request for a plan: the paths of the moving segments.
@@ -149,6 +184,8 @@ pub struct Segments {
     owner: &'static str,
     /// Default fixed point of rotations, by segment, LPS mm.
     pivots: BTreeMap<u32, [f64; 3]>,
+    /// Whether the pivots lie in the segments, so that their movement is that of the bone.
+    has_centroids: bool,
     /// Whether the tissue mesh has loads, so that a plan without paths makes sense.
     loads: bool,
     /// The session's landmarks by name, LPS mm; hinges and autorotation use condyles and incisors.
@@ -158,7 +195,7 @@ pub struct Segments {
 impl From<&OsteotomyDocument> for Segments {
     fn from(osteotomy: &OsteotomyDocument) -> Self {
         let pivots = osteotomy.segments.iter().map(|s| (s.id, s.centroid_mm)).collect();
-        Self { owner: "the osteotomy", pivots, loads: false, landmarks: BTreeMap::new() }
+        Self { owner: "the osteotomy", pivots, has_centroids: true, loads: false, landmarks: BTreeMap::new() }
     }
 }
 
@@ -170,7 +207,8 @@ impl Segments {
     pub fn of_tissue(tissue: &TissueDocument, bones: &[(u32, String)]) -> Self {
         let tied = tissue.tied_nodes.keys().copied();
         let pivots = tied.chain(bones.iter().map(|(segment, _)| *segment)).map(|s| (s, [0.0; 3])).collect();
-        Self { owner: "the tissue mesh", pivots, loads: tissue.loaded_nodes > 0, landmarks: BTreeMap::new() }
+        let loads = tissue.loaded_nodes > 0;
+        Self { owner: "the tissue mesh", pivots, has_centroids: false, loads, landmarks: BTreeMap::new() }
     }
 }
 
@@ -183,12 +221,22 @@ impl Segments {
 
     /// Landmarks by name; reports a fault at `pointer` that names the missing ones.
     fn points<const N: usize>(&self, check: &mut Check, pointer: &str, names: [&str; N]) -> Option<[Point; N]> {
-        let missing: Vec<&str> = names.iter().copied().filter(|n| !self.landmarks.contains_key(*n)).collect();
+        let missing: Vec<&str> = names.iter().copied().filter(|n| self.landmark(n).is_none()).collect();
         if !missing.is_empty() {
             check.fault(pointer, format!("needs the landmarks {}; PUT them first", missing.join(", ")));
             return None;
         }
-        Some(names.map(|n| self.landmarks.get(n).copied().map_or_else(Point::origin, Point::from)))
+        Some(names.map(|n| self.landmark(n).map_or_else(Point::origin, Point::from)))
+    }
+
+    /// A landmark by its name, or by its other name: proposals and landmark files have `incisor_upper` and `incisor_lower`.
+    fn landmark(&self, name: &str) -> Option<[f64; 3]> {
+        let other = match name {
+            "upper_incisor" => "incisor_upper",
+            "lower_incisor" => "incisor_lower",
+            name => name,
+        };
+        self.landmarks.get(name).or_else(|| self.landmarks.get(other)).copied()
     }
 
     fn condyles(&self, check: &mut Check, pointer: &str) -> Option<CondylarAxis> {
@@ -209,13 +257,24 @@ impl Segments {
     }
 }
 
+/// A plan that has been checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CheckedPlan {
+    /// Tag of the client.
+    pub label: Option<String>,
+    /// Paths of the segments.
+    pub plan: Plan,
+    /// How matrices and transform files were read.
+    pub notes: Vec<Warning>,
+}
+
 impl CreatePlan {
-    /// Checks the request and returns the label and the plan.
+    /// Checks the request and returns the label, the plan and notes on how it was read.
     ///
     /// # Errors
     /// A fault that lists every value that is not allowed.
-    pub fn check(self, segments: &Segments) -> Result<(Option<String>, Plan), Fault> {
-        let mut check = Check::default();
+    pub fn check(self, segments: &Segments) -> Result<CheckedPlan, Fault> {
+        let (mut check, mut notes) = (Check::default(), Vec::new());
         let label = check.label("/label", self.label);
         let least = usize::from(!segments.loads);
         if !(least..=32).contains(&self.paths.len()) {
@@ -227,7 +286,7 @@ impl CreatePlan {
             if self.paths[..index].iter().any(|p| p.segment == path.segment) {
                 check.fault(format!("{pointer}/segment"), format!("segment {} already has a path", path.segment));
             }
-            waypoints.push(motions(&mut check, &pointer, path, segments));
+            waypoints.push(motions(&mut check, &mut notes, &pointer, path, segments));
         }
         let mut turns = Vec::new();
         for (index, path) in self.paths.iter().enumerate() {
@@ -258,7 +317,8 @@ impl CreatePlan {
             paths.push((index, followed));
         }
         paths.sort_by_key(|(index, _)| *index);
-        Ok((label, Plan { paths: paths.into_iter().map(|(_, path)| path).collect() }))
+        let plan = Plan { paths: paths.into_iter().map(|(_, path)| path).collect() };
+        Ok(CheckedPlan { label, plan, notes })
     }
 }
 
@@ -271,7 +331,13 @@ fn below(index: usize, error: PlanError) -> Fault {
     fault
 }
 
-fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segments) -> Vec<(f64, Motion)> {
+fn motions(
+    check: &mut Check,
+    notes: &mut Vec<Warning>,
+    pointer: &str,
+    path: &PathRequest,
+    segments: &Segments,
+) -> Vec<(f64, Motion)> {
     let pivot = segments.pivots.get(&path.segment).copied();
     if path.segment == 0 {
         check.fault(format!("{pointer}/segment"), "names segment 0, the fixed skull; name a moving segment");
@@ -281,12 +347,23 @@ fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segm
         let detail = format!("there is no segment {}; {} has {known}", path.segment, segments.owner);
         check.fault(format!("{pointer}/segment"), detail);
     }
-    let pivot = pivot.unwrap_or_default();
+    let place = Place { segment: path.segment, pivot: pivot.unwrap_or_default(), segments };
+    let end = path.end();
     if path.autorotate.is_some() {
         if !path.waypoints.is_empty() {
             check.fault(format!("{pointer}/waypoints"), "cannot be combined with autorotate; give one of them");
         }
+        if end.is_some() {
+            check.fault(format!("{pointer}/autorotate"), "cannot be combined with a matrix or transform_file");
+        }
         return Vec::new();
+    }
+    if let Some(end) = end {
+        if !path.waypoints.is_empty() {
+            let detail = "cannot be combined with a matrix or transform_file of the path; give that to a waypoint";
+            check.fault(format!("{pointer}/waypoints"), detail);
+        }
+        return vec![(1.0, motion(check, notes, pointer, &end, &place))];
     }
     if !(1..=1000).contains(&path.waypoints.len()) {
         let detail = format!("has {} waypoints, allowed are 1 to 1000", path.waypoints.len());
@@ -302,7 +379,7 @@ fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segm
             check
                 .fault(format!("{pointer}/t"), format!("is {}, but must exceed the previous t = {before}", waypoint.t));
         }
-        motions.push((waypoint.t, motion(check, &pointer, waypoint, pivot, segments)));
+        motions.push((waypoint.t, motion(check, notes, &pointer, waypoint, &place)));
     }
     if let Some((last, _)) = motions.last()
         && *last != 1.0
@@ -313,13 +390,64 @@ fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segm
     motions
 }
 
-fn motion(
+/// The segment that a motion belongs to.
+#[derive(Debug, Clone, Copy)]
+struct Place<'a> {
+    segment: u32,
+    /// Default fixed point of rotations, LPS mm.
+    pivot: [f64; 3],
+    segments: &'a Segments,
+}
+
+/// The motion of a matrix or a transform file.
+fn mapped(
     check: &mut Check,
+    notes: &mut Vec<Warning>,
     pointer: &str,
     waypoint: &WaypointRequest,
-    centroid: [f64; 3],
-    segments: &Segments,
+    place: &Place<'_>,
+) -> Option<Motion> {
+    let has_other = waypoint.translation_mm.is_some() || waypoint.rotation.is_some() || waypoint.hinge.is_some();
+    let (name, motion) = match (&waypoint.matrix, &waypoint.transform_file) {
+        (None, None) => return None,
+        (Some(rows), file) => {
+            if has_other || file.is_some() {
+                check.fault(format!("{pointer}/matrix"), "cannot be combined with another form of the motion");
+            }
+            ("matrix", matrix_motion(check, notes, &format!("{pointer}/matrix"), rows, place.segment))
+        }
+        (None, Some(file)) => {
+            if has_other {
+                check.fault(format!("{pointer}/transform_file"), "cannot be combined with another form of the motion");
+            }
+            ("transform_file", file.motion(check, notes, &format!("{pointer}/transform_file"), place.segment))
+        }
+    };
+    let motion = motion.unwrap_or_else(Motion::identity);
+    let pivot = Point::from(place.pivot);
+    let moved = motion * pivot - pivot;
+    if place.segments.has_centroids && moved.amax() > FARTHEST_MM {
+        let detail = format!(
+            "moves the centroid of segment {} by {:.1}, {:.1}, {:.1} mm, each may be -{FARTHEST_MM} to {FARTHEST_MM}: check \
+             that it is in LPS and mm, and which way it maps points",
+            place.segment, moved.x, moved.y, moved.z
+        );
+        check.fault(format!("{pointer}/{name}"), detail);
+    }
+    Some(motion)
+}
+
+fn motion(
+    check: &mut Check,
+    notes: &mut Vec<Warning>,
+    pointer: &str,
+    waypoint: &WaypointRequest,
+    place: &Place<'_>,
 ) -> Motion {
+    let Place { pivot: centroid, segments, .. } = *place;
+    if let Some(mapped) = mapped(check, notes, pointer, waypoint, place) {
+        return mapped;
+    }
     if let Some(hinge) = &waypoint.hinge {
         if waypoint.translation_mm.is_some() || waypoint.rotation.is_some() {
             check.fault(format!("{pointer}/hinge"), "cannot be combined with translation_mm or rotation");
@@ -344,11 +472,11 @@ fn motion(
         return motion_from(Vector::zeros(), turn, Point::from(point));
     }
     if waypoint.translation_mm.is_none() && waypoint.rotation.is_none() {
-        check.fault(pointer, "must have translation_mm, rotation or hinge");
+        check.fault(pointer, "must have translation_mm, rotation, hinge, matrix or transform_file");
     }
     let translation = waypoint.translation_mm.unwrap_or_default();
     for (axis, length) in translation.into_iter().enumerate() {
-        check.number(&format!("{pointer}/translation_mm/{axis}"), length, -100.0, 100.0);
+        check.number(&format!("{pointer}/translation_mm/{axis}"), length, -FARTHEST_MM, FARTHEST_MM);
     }
     let (rotation, pivot) = match &waypoint.rotation {
         Some(r) => rotation(check, &format!("{pointer}/rotation"), r, centroid),

@@ -10,6 +10,7 @@
 pub mod auth;
 pub mod dto;
 mod extract;
+mod form;
 mod middleware;
 mod openapi;
 mod problem;
@@ -18,6 +19,7 @@ mod routes;
 mod state;
 mod surface_format;
 mod upload;
+mod upload_body;
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;

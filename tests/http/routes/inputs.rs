@@ -5,7 +5,7 @@ use axum::body::{Body, Bytes};
 use axum::http::{Method, StatusCode};
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use futures::stream;
+use futures::{StreamExt, stream};
 use prosopon_contract::FaultKind;
 use prosopon_geometry::{Point, TriMesh};
 use serde_json::json;
@@ -74,6 +74,69 @@ async fn faulty_surfaces_are_refused_and_leave_no_files() {
     assert_eq!(files_below(&app.directory().join("blobs")), 1);
     app.upload(&path, skull()).await.ok();
     assert_eq!(files_below(&app.directory().join("blobs")), 1, "the surface before is replaced");
+}
+
+/// A form with these parts: (head, content).
+fn form(parts: &[(&str, &[u8])]) -> Vec<u8> {
+    let one = |(head, content): &(&str, &[u8])| {
+        [b"--x-x\r\nContent-Disposition: form-data; ", head.as_bytes(), b"\r\n\r\n", content, b"\r\n"].concat()
+    };
+    [parts.iter().flat_map(one).collect::<Vec<u8>>(), b"--x-x--\r\n".to_vec()].concat()
+}
+
+const FORM: &str = "multipart/form-data; boundary=x-x";
+
+#[tokio::test]
+async fn a_form_with_one_file_is_read_as_the_file() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let send = async |part: &str, body: Vec<u8>| {
+        app.call(Method::PUT, &format!("{session}/{part}"), &[("content-type", FORM)], body).await
+    };
+    for part in ["skin", "skull", "target", "bones/0"] {
+        let plain = app.upload(&format!("{session}/{part}"), skin()).await.ok();
+        let sent = send(part, form(&[("name=\"file\"; filename=\"skin.stl\"", &skin())])).await.ok();
+        assert_eq!(sent, plain, "{part}");
+    }
+    // A form that arrives in pieces.
+    let whole = form(&[("name=\"file\"; filename=\"skin.stl\"\r\nContent-Type: model/stl", &skin())]);
+    let pieces: Vec<_> = whole.chunks(100).map(|c| Ok::<_, std::io::Error>(Bytes::copy_from_slice(c))).collect();
+    let path = format!("{session}/skin");
+    let answer = app.call(Method::PUT, &path, &[("content-type", FORM)], Body::from_stream(stream::iter(pieces))).await;
+    assert_eq!(answer.ok()["triangles"], 12);
+    let accepted = send("ct?bone_hu=250", form(&[("name=\"f\"; filename=\"head.nii\"", &nifti())])).await;
+    assert_eq!(accepted.json()["kind"], "import", "{accepted:?}");
+    app.finish(accepted).await;
+
+    let before = files_below(&app.directory().join("blobs"));
+    let file = ("name=\"file\"; filename=\"a.stl\"", &skin()[..]);
+    for (body, words) in [
+        (form(&[]), "has no file"),
+        (form(&[file, file]), "several files"),
+        (form(&[("name=\"series\"", b"2"), file]), "`series`"),
+        (whole[..whole.len() / 2].to_vec(), "last boundary"),
+        (skin(), "last boundary"),
+    ] {
+        let problem = send("skin", body).await.problem(400, "malformed-request");
+        assert!(problem["detail"].as_str().unwrap().contains(words), "{words}: {problem}");
+    }
+    let mixed = [("content-type", "multipart/mixed; boundary=x-x")];
+    app.call(Method::PUT, &path, &mixed, whole).await.problem(415, "unsupported-format");
+    assert_eq!(files_below(&app.directory().join("blobs")), before);
+}
+
+#[tokio::test]
+async fn a_form_is_stopped_at_the_limit_of_its_file() {
+    let app = TestApp::with(|config| config.limits.max_surface_bytes = 1 << 20).await;
+    let path = format!("{}/skin", app.session().await);
+    let head = Bytes::from_static(b"--x-x\r\nContent-Disposition: form-data; name=\"f\"; filename=\"a\"\r\n\r\n");
+    // Four megabytes; the service reads and drops the rest of what it refuses.
+    let zeros = || stream::repeat_with(|| Ok::<_, std::io::Error>(Bytes::from(vec![0u8; 1 << 16]))).take(64);
+    let long = Body::from_stream(stream::once(async { Ok(head) }).chain(zeros()));
+    app.call(Method::PUT, &path, &[("content-type", FORM)], long).await.problem(413, "too-large");
+    let headless = Body::from_stream(zeros());
+    app.call(Method::PUT, &path, &[("content-type", FORM)], headless).await.problem(400, "malformed-request");
+    assert_eq!(files_below(&app.directory().join("blobs")), 0);
 }
 
 #[tokio::test]

@@ -1,4 +1,6 @@
 use axum::http::StatusCode;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 
 use super::osteotomies::plane;
@@ -75,6 +77,72 @@ async fn the_mandible_turns_about_its_condyles() {
     let moved = made["paths"][0]["waypoints"][1]["translation_mm"][2].as_f64().unwrap();
     // The origin lies 10 mm before the axis: opening lowers it.
     assert!((moved + 10.0 * 10f64.to_radians().sin()).abs() < 1e-12, "{moved}");
+}
+
+/// One motion as a matrix, and as the files that other programs write for it.
+#[tokio::test]
+async fn a_segment_moves_as_a_matrix_or_a_transform_file_says() {
+    let app = TestApp::new().await;
+    let (path, osteotomy) = osteotomy(&app).await;
+    // A quarter turn about z, then 1.5, -6, -1.25 mm; 3D Slicer shows this matrix and writes its inverse.
+    let matrix = json!([[0, -1, 0, 1.5], [1, 0, 0, -6], [0, 0, 1, -1.25], [0, 0, 0, 1]]);
+    let slicer = "#Insight Transform File V1.0\n#Transform 0\nTransform: AffineTransform_double_3_3\n\
+        Parameters: 0 1 0 -1 0 0 0 0 1 6 1.5 1.25\nFixedParameters: 0 0 0\n";
+    let forward = "#Insight Transform File V1.0\n#Transform 0\nTransform: AffineTransform_double_3_3\n\
+        Parameters: 0 -1 0 1 0 0 0 0 1 1.5 -6 -1.25\nFixedParameters: 0 0 0\n";
+    let file = |text: &str| json!({ "base64": STANDARD.encode(text) });
+    let json_file = file(&json!({ "matrix": matrix }).to_string());
+    for (motion, notes) in [
+        (json!({ "matrix": matrix }), 0),
+        (json!({"waypoints": [{"t": 1, "matrix": matrix}]}), 0),
+        (json!({"waypoints": [{"t": 0.5, "translation_mm": [0, 1, 0]}, {"t": 1, "transform_file": file(slicer)}]}), 1),
+        (json!({ "transform_file": file(slicer) }), 1),
+        (json!({"transform_file": {"base64": STANDARD.encode(forward), "direction": "forward"}}), 1),
+        (json!({ "transform_file": json_file }), 1),
+    ] {
+        let mut segment = motion.clone();
+        segment["segment"] = json!(1);
+        let made = app.post(&path, json!({"osteotomy": osteotomy, "paths": [segment]})).await.ok();
+        let last = made["paths"][0]["waypoints"].as_array().unwrap().last().unwrap().clone();
+        let numbers =
+            |name: &str| last[name].as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect::<Vec<_>>();
+        let (half, moved) = (0.5f64.sqrt(), [1.5, -6.0, -1.25]);
+        assert!(numbers("translation_mm").iter().zip(moved).all(|(a, b)| (a - b).abs() < 1e-12), "{motion}: {last}");
+        let turn = numbers("quaternion_xyzw").into_iter().zip([0.0, 0.0, half, half]);
+        assert!(turn.into_iter().all(|(a, b)| (a - b).abs() < 1e-12), "{motion}: {last}");
+        let count = |plan: &Value| {
+            plan["notes"].as_array().map_or(0, |all| all.iter().filter(|n| n["code"] == "transform-file").count())
+        };
+        assert_eq!(count(&made), notes, "{made}");
+        // The note stays when the plan is measured.
+        let read = app.get(&format!("{path}/{}", made["id"].as_str().unwrap())).await.ok();
+        assert_eq!((count(&read), &read["measured"]), (notes, &json!(true)));
+    }
+    let refused = async |motion: Value, pointer: &str, words: &str| {
+        let mut segment = motion;
+        segment["segment"] = json!(1);
+        let answer = app.post(&path, json!({"osteotomy": osteotomy, "paths": [segment]})).await;
+        let problem = answer.problem(422, "invalid-request");
+        let error = &problem["errors"][0];
+        assert!(error["pointer"] == pointer && error["detail"].as_str().unwrap().contains(words), "{problem}");
+    };
+    let with = |row: usize, column: usize, value: f64| {
+        let mut changed = matrix.clone();
+        changed[row][column] = json!(value);
+        json!({ "matrix": changed })
+    };
+    refused(with(2, 2, -1.0), "/paths/0/matrix", "mirror image").await;
+    refused(with(2, 2, 1.02), "/paths/0/matrix", "1.0200").await;
+    refused(with(3, 3, 2.0), "/paths/0/matrix", "0 0 0 1").await;
+    refused(with(1, 3, 250.0), "/paths/0/matrix", "centroid").await;
+    let mut both = json!({ "matrix": matrix });
+    both["waypoints"] = json!([{"t": 1, "matrix": matrix}]);
+    refused(both, "/paths/0/waypoints", "matrix").await;
+    let both = json!({"waypoints": [{"t": 1, "matrix": matrix, "translation_mm": [0, 0, 0]}]});
+    refused(both, "/paths/0/waypoints/0/matrix", "another form").await;
+    refused(json!({"transform_file": file("solid a")}), "/paths/0/transform_file/base64", "ITK").await;
+    let short = json!({"matrix": [[1, 0, 0, 0]]});
+    refused(short, "/paths/0/matrix", "list of 4").await;
 }
 
 #[tokio::test]

@@ -12,7 +12,10 @@ use std::time::{Duration, Instant};
 
 use self::mutate::{Dice, mutate};
 use self::seeds::{Seed, Target, seeds};
-use super::{Limits, SurfaceFormat, VolumeCheck, detect_surface, detect_volume, surface, volume, volume_mesh};
+use super::{
+    Limits, SurfaceFormat, VolumeCheck, detect_surface, detect_volume, fiducials, landmark_name, legal_name,
+    looks_like_fiducials, rigid_motion, surface, transform, volume, volume_mesh,
+};
 
 /// Memory limit of the child process, kB. Undamaged files and their enlarged copies need a tenth of it.
 const MEMORY_KB: u64 = 1_500_000;
@@ -102,7 +105,9 @@ fn make(seeds: &[Seed], round: u64) -> bool {
     file.truncate(LONGEST);
     let read_by_own = read(seed.target, &file);
     // A wrongly stated format must not cause a panic either.
-    let another = [Target::Surface(SurfaceFormat::Obj), Target::Volume, Target::Mesh][dice.below(3)];
+    let others =
+        [Target::Surface(SurfaceFormat::Obj), Target::Volume, Target::Mesh, Target::Transform, Target::Landmarks];
+    let another = others[dice.below(others.len())];
     read(another, &file);
     read_by_own
 }
@@ -129,6 +134,19 @@ fn read(target: Target, file: &[u8]) -> bool {
             assert!(scanned.is_ok() || is_packed, "the upload refuses what the reader takes: {scanned:?}");
             assert_eq!(volume.dims.iter().product::<usize>(), volume.hu.len());
             assert!(volume.axes.iter().flat_map(|a| a.iter()).chain(volume.origin.iter()).all(|x| x.is_finite()));
+            true
+        }
+        Target::Transform => {
+            let Ok((affine, _)) = transform(file) else { return false };
+            assert!(affine.matrix.iter().chain(affine.offset_mm.iter()).all(|x| !x.is_nan()));
+            rigid_motion(&affine).ok();
+            true
+        }
+        Target::Landmarks => {
+            _ = looks_like_fiducials(file);
+            let Ok(read) = fiducials(file) else { return false };
+            assert!(read.points.iter().flat_map(|(_, p)| p).all(|c| c.is_finite()));
+            read.points.iter().for_each(|(label, _)| _ = (landmark_name(label), legal_name(label)));
             true
         }
         Target::Mesh => {

@@ -3,6 +3,7 @@ use crate::import::dicom::tests::{Slice, archive};
 use crate::import::malformed_tests::{other_volumes, surfaces, volumes};
 use crate::import::nifti1::tests::{File, gzip};
 use crate::import::number::ByteOrder;
+use crate::import::transform_file::tests as transform_tests;
 use crate::import::vtu::legacy_tests;
 use crate::import::vtu::tests::{Encoding, file as vtu};
 
@@ -12,6 +13,8 @@ pub(super) enum Target {
     Surface(SurfaceFormat),
     Volume,
     Mesh,
+    Transform,
+    Landmarks,
 }
 
 /// Envelope around the bytes that are damaged.
@@ -92,5 +95,12 @@ pub(super) fn seeds() -> Vec<Seed> {
     for (is_ascii, version) in [(true, 3), (true, 5), (false, 3), (false, 5)] {
         all.push(Seed::new(format!("VTK {version}"), Target::Mesh, legacy_tests::file(is_ascii, version)));
     }
+    for (n, file) in transform_tests::files_of_every_kind().into_iter().enumerate() {
+        all.push(Seed::new(format!("transform {n}"), Target::Transform, file));
+    }
+    let list = "# Markups fiducial file version = 5.6\n# CoordinateSystem = LPS\n1,6,-84.5,45,0,0,0,1,1,1,0,\"A, \"\"b\"\"\",,,2,0\n";
+    all.push(Seed::new("fiducials", Target::Landmarks, list.as_bytes().to_vec()));
+    let table = "label,r,a,s,defined\nANS,-6,84.5,45,1\n";
+    all.push(Seed::new("table of points", Target::Landmarks, table.as_bytes().to_vec()));
     all
 }

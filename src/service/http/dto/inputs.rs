@@ -92,6 +92,14 @@ pub(in crate::http) fn import_request(settings: &CtSettings, ct_sha256: String) 
     }
 }
 
+/// A form with one file, as `curl -F file=@skin.stl` sends it. Settings are query parameters, not fields.
+#[derive(Debug, ToSchema)]
+pub struct UploadForm {
+    /// The file; any name will do for the field.
+    #[schema(value_type = String, format = Binary)]
+    pub file: Vec<u8>,
+}
+
 /// Options for reading landmarks.
 #[derive(Debug, Clone, Copy, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]

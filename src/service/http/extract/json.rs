@@ -33,25 +33,33 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Body<T> {
 
 /// The bytes of a JSON body; an empty body counts as `{}`.
 pub(super) async fn read_json(request: Request, state: &AppState) -> Result<Bytes, Problem> {
-    let is_json = is_json(request.headers());
-    let is_encoded = request.headers().get(header::CONTENT_ENCODING).is_some_and(|e| e != "identity");
+    let headers = request.headers().clone();
+    as_json(&headers, read_bytes(request, state).await?)
+}
+
+/// The bytes of a body that may be as long as JSON.
+pub(super) async fn read_bytes(request: Request, state: &AppState) -> Result<Bytes, Problem> {
     let max_bytes = state.limits.max_json_bytes;
     let bytes = tokio::time::timeout(state.limits.body, Bytes::from_request(request, state)).await;
     let bytes = bytes.map_err(|_| {
         let detail = format!("the body did not arrive within {} s; send it again", state.limits.body.as_secs());
         Problem::new(FaultKind::Timeout, detail)
     })?;
-    let bytes = bytes.map_err(|e| too_large_or_broken(&e, max_bytes))?;
+    bytes.map_err(|e| too_large_or_broken(&e, max_bytes))
+}
+
+/// Checks that the headers say JSON; an empty body counts as `{}`.
+pub(super) fn as_json(headers: &HeaderMap, bytes: Bytes) -> Result<Bytes, Problem> {
     if bytes.is_empty() {
         return Ok(Bytes::from_static(b"{}"));
     }
-    if is_encoded {
+    if headers.get(header::CONTENT_ENCODING).is_some_and(|e| e != "identity") {
         return Err(Problem::new(
             FaultKind::UnsupportedFormat,
             "a JSON body cannot have a Content-Encoding; send it uncompressed",
         ));
     }
-    if !is_json {
+    if !is_json(headers) {
         return Err(Problem::new(FaultKind::UnsupportedFormat, "the body must have Content-Type application/json"));
     }
     Ok(bytes)

@@ -48,15 +48,19 @@ const CHOICES: [(&str, &[Variant]); 6] = [
     (
         "WaypointRequest",
         &[
-            variant("HingeWaypoint", &["hinge"], &["translation_mm", "rotation"]),
-            variant("FreeWaypoint", &[], &["hinge"]),
+            variant("HingeWaypoint", &["hinge"], &["translation_mm", "rotation", "matrix", "transform_file"]),
+            variant("MatrixWaypoint", &["matrix"], &["translation_mm", "rotation", "hinge", "transform_file"]),
+            variant("TransformFileWaypoint", &["transform_file"], &["translation_mm", "rotation", "hinge", "matrix"]),
+            variant("FreeWaypoint", &[], &["hinge", "matrix", "transform_file"]),
         ],
     ),
     (
         "PathRequest",
         &[
-            variant("PathByWaypoints", &["waypoints"], &["autorotate"]),
-            variant("PathByAutorotation", &["autorotate"], &["waypoints"]),
+            variant("PathByWaypoints", &["waypoints"], &["autorotate", "matrix", "transform_file"]),
+            variant("PathByAutorotation", &["autorotate"], &["waypoints", "matrix", "transform_file"]),
+            variant("PathByMatrix", &["matrix"], &["waypoints", "autorotate", "transform_file"]),
+            variant("PathByTransformFile", &["transform_file"], &["waypoints", "autorotate", "matrix"]),
         ],
     ),
     (

@@ -31,6 +31,8 @@ const TRIPLES: [&str; 17] = [
 /// Members that are lists of three numbers each.
 const LISTS_OF_TRIPLES: [&str; 5] = ["closest_points_mm", "curve", "gradients", "points_mm", "triangles"];
 const QUATERNION: &str = "quaternion_xyzw";
+/// Member that is four lists of four numbers each.
+const MATRIX: &str = "matrix";
 
 /// Length of an array of numbers that is the member `name`, or an item of it.
 fn length_of(name: &str, is_item: bool) -> Option<usize> {
@@ -38,6 +40,7 @@ fn length_of(name: &str, is_item: bool) -> Option<usize> {
         if is_item { (&LISTS_OF_PAIRS[..], &LISTS_OF_TRIPLES[..]) } else { (&PAIRS[..], &TRIPLES[..]) };
     match name {
         QUATERNION if !is_item => Some(4),
+        MATRIX if is_item => Some(4),
         name if pairs.contains(&name) => Some(2),
         name if triples.contains(&name) => Some(3),
         _ => None,
@@ -69,7 +72,12 @@ fn fix_array(name: &str, array: &mut Array, is_item: bool) {
                 (array.min_items, array.max_items) = (Some(length), Some(length));
             }
         }
-        RefOr::T(Schema::Array(items)) => fix_array(name, items, true),
+        RefOr::T(Schema::Array(items)) => {
+            fix_array(name, items, true);
+            if name == MATRIX {
+                (array.min_items, array.max_items) = (Some(4), Some(4));
+            }
+        }
         items @ (RefOr::T(_) | RefOr::Ref(_)) => fix_lengths(name, items),
     }
 }

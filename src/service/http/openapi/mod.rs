@@ -133,7 +133,7 @@ fn say_binary(operation: &mut Operation) {
 }
 
 fn is_bytes(media_type: &str) -> bool {
-    !media_type.contains("json") && !media_type.starts_with("text/")
+    !media_type.contains("json") && !["text/", "multipart/"].iter().any(|start| media_type.starts_with(start))
 }
 
 /// Adds the headers that every answer has, and those of every file.

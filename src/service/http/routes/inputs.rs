@@ -1,18 +1,18 @@
 use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, header};
+use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
 use super::accepted::accept;
 use super::results::send_surface;
-use crate::http::dto::{CtQuery, JobView, import_request};
+use crate::http::dto::{CtQuery, JobView, UploadForm, import_request};
 use crate::http::extract::{Ids, Params};
 use crate::http::result::{tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
-use crate::http::upload::receive;
+use crate::http::upload::{Received, receive};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{FaultKind, SurfaceDocument};
 use prosopon_formats::export::SurfaceView;
@@ -62,9 +62,11 @@ pub(in crate::http) struct InputQuery {
 /// answers. Oblique and sheared (gantry tilt) stacks keep their geometry. Unevenly spaced slices are interpolated up to
 /// `max_step_mm`; larger steps are refused with the list of steps. Several acquisitions, time points or phases of one series,
 /// and several volumes in one archive, are refused with a list, of which `stack` or `volume` chooses one.
+///
+/// The body is the file, or a form with one file (`curl -F file=@head.zip`).
 #[utoipa::path(put, path = "/v1/sessions/{session}/ct", operation_id = "putCt", tag = "inputs",
     params(("session" = Uuid, Path), CtQuery),
-    request_body(content = Vec<u8>, content_type = "application/octet-stream"),
+    request_body(content((Vec<u8> = "application/octet-stream"), (UploadForm = "multipart/form-data"))),
     responses((status = 202, description = "The import job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn put_ct(
     State(state): State<AppState>,
@@ -78,7 +80,7 @@ pub(in crate::http) async fn put_ct(
     let (settings, reading) = query.check()?;
     let scan = CtScan::new(&state.service);
     let upload = receive(store, session, &headers, body, state.limits.max_ct_bytes, &state.limits, Some(scan)).await?;
-    let part = take_ct(&state.service, session, upload, reading).await?;
+    let part = take_ct(&state.service, session, upload.blob, reading).await?;
     let key = part.key.clone();
     // A job may be reading the same CT, so its file stays.
     match store.part(session, PartKind::Ct).await? {
@@ -100,12 +102,23 @@ pub(super) async fn put(
     let store = state.service.store();
     SessionParts::load(store, session).await?;
     let upload = receive(store, session, headers, body, state.limits.max_surface_bytes, &state.limits, None).await?;
-    Ok(Json(take_surface(&state.service, session, kind, upload, named_format(headers)).await?))
+    let named = named_format(&upload);
+    Ok(Json(take_surface(&state.service, session, kind, upload.blob, named).await?))
 }
 
-/// The format that Content-Type names, for files whose bytes do not show their format.
-fn named_format(headers: &HeaderMap) -> Option<SurfaceFormat> {
-    let name = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
+/// The format that Content-Type or the file's name in a form names, for files whose bytes do not show their format.
+fn named_format(upload: &Received) -> Option<SurfaceFormat> {
+    let by_name = || match upload.file_name.as_deref()?.rsplit_once('.')?.1.to_ascii_lowercase().as_str() {
+        "stl" => Some(SurfaceFormat::Stl),
+        "ply" => Some(SurfaceFormat::Ply),
+        "obj" => Some(SurfaceFormat::Obj),
+        "vtp" => Some(SurfaceFormat::Vtp),
+        _ => None,
+    };
+    by_media_type(upload.media_type.as_deref().unwrap_or_default()).or_else(by_name)
+}
+
+fn by_media_type(name: &str) -> Option<SurfaceFormat> {
     match name.split(';').next()?.trim() {
         "model/stl" | "model/x.stl-binary" | "model/x.stl-ascii" | "application/sla" => Some(SurfaceFormat::Stl),
         "model/ply" | "application/ply" | "application/x-ply" => Some(SurfaceFormat::Ply),
@@ -181,8 +194,8 @@ macro_rules! surface_routes {
         #[doc = concat!("Stores the ", $what, ".")]
         #[utoipa::path(put, path = $path, operation_id = $put_id, tag = "inputs", summary = concat!("Upload the ", $what),
             description = "A surface in STL, PLY, OBJ or VTP format, LPS mm. It replaces an earlier upload. The service detects the format \
-                from the bytes, else takes it from Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`).", params(("session" = Uuid, Path)),
-                            request_body(content = Vec<u8>, content_type = "application/octet-stream"),
+                from the bytes, else takes it from Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`). The body is the file, or a form with one file (`curl -F file=@skin.stl`).", params(("session" = Uuid, Path)),
+                            request_body(content((Vec<u8> = "application/octet-stream"), (UploadForm = "multipart/form-data"))),
                             responses((status = 200, description = "Report of the surface.", body = SurfaceDocument)))]
         pub(in crate::http) async fn $put(
             State(state): State<AppState>,

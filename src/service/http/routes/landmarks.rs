@@ -1,8 +1,8 @@
 use axum::Json;
 use axum::extract::State;
 
-use crate::http::dto::LandmarksQuery;
-use crate::http::extract::{Body, Ids, Params};
+use crate::http::dto::{LandmarksQuery, UploadForm};
+use crate::http::extract::{Ids, LandmarksBody, Params};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{FaultKind, LandmarksDocument, to_json};
 use prosopon_jobs::propose_landmarks;
@@ -13,15 +13,21 @@ use prosopon_store::{PartKind, PartRecord, SessionId};
 ///
 /// Landmarks place osteotomy templates, regions of the face and the boxes in which tissue slides. They replace all landmarks
 /// stored before.
+///
+/// The body is this document, or a landmark file of 3D Slicer (`.mrk.json` or `.fcsv`), as it is or in a form with one file. The
+/// service detects it from the bytes, translates labels such as `ANS`, `Pog'` or `Go (L)` to its names, converts RAS to LPS, and
+/// says so in `notes` and `warnings`. Two labels of one landmark are refused.
 #[utoipa::path(put, path = "/v1/sessions/{session}/landmarks", operation_id = "putLandmarks", tag = "inputs", params(("session" = Uuid, Path)),
-    request_body = LandmarksDocument, responses((status = 200, description = "The stored landmarks.", body = LandmarksDocument)))]
+    request_body(content((LandmarksDocument = "application/json"), (String = "text/csv"), (UploadForm = "multipart/form-data"))),
+    responses((status = 200, description = "The stored landmarks.", body = LandmarksDocument)))]
 pub(in crate::http) async fn put(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
-    Body(request): Body<LandmarksDocument>,
+    body: LandmarksBody,
 ) -> Result<Json<LandmarksDocument>, Problem> {
     SessionParts::load(state.service.store(), session).await?;
-    let landmarks = request.checked()?;
+    let mut landmarks = body.landmarks.checked()?;
+    landmarks.note(body.findings);
     let part = PartRecord::of_document(PartKind::Landmarks, to_json("the landmarks", &landmarks)?);
     state.service.store().put_parts(session, &[part]).await?;
     Ok(Json(landmarks))

@@ -7,7 +7,7 @@ use super::osteotomies::current_osteotomy;
 use crate::http::dto::{PlanList, PlanView};
 use crate::http::extract::{CreateBody, Ids};
 use crate::http::{AppState, Problem};
-use prosopon_contract::{CreatePlan, FaultKind, PlanDocument, Segments, from_json, stored_cuts, to_json};
+use prosopon_contract::{CheckedPlan, CreatePlan, FaultKind, PlanDocument, Segments, from_json, stored_cuts, to_json};
 use prosopon_geometry::Warning;
 use prosopon_jobs::{make_plan, measure_plan};
 use prosopon_session::SessionParts;
@@ -47,14 +47,15 @@ pub(super) async fn make(
     let content = match osteotomy {
         Some(osteotomy) => {
             let (_, bone) = current_osteotomy(state, parts, session, osteotomy, "/osteotomy").await?;
-            let (label, plan) = request.check(&Segments::from(&bone).with_landmarks(parts.landmarks()?))?;
-            make_plan(&state.service, parts, stored_cuts(&bone.cuts)?, plan, label).await?
+            let CheckedPlan { label, plan, notes } =
+                request.check(&Segments::from(&bone).with_landmarks(parts.landmarks()?))?;
+            make_plan(&state.service, parts, stored_cuts(&bone.cuts)?, plan, label).await?.noted(notes)
         }
         None => {
             let tissue = parts.require_tissue("name an osteotomy, or PUT a tissue mesh first")?;
-            let (label, plan) =
+            let CheckedPlan { label, plan, notes } =
                 request.check(&Segments::of_tissue(&tissue, &parts.bone_keys()).with_landmarks(parts.landmarks()?))?;
-            PlanDocument::new(label, &plan)
+            PlanDocument::new(label, &plan).noted(notes)
         }
     };
     let record = PlanRecord {

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
 use super::inputs::{InputQuery, put, send};
+use crate::http::dto::UploadForm;
 use crate::http::extract::{Ids, Params};
 use crate::http::result::{tag_of, tagged};
 use crate::http::upload::receive;
@@ -26,7 +27,8 @@ use prosopon_store::{PartKind, SessionId};
 /// free, 0 skull, k segment k, -2 sliding, -3 - k gliding on segment k), `fixed_mask` (axes along which a point is held: bits x 1, y 2, z 4),
 /// `prescribed_mm` (displacement along these axes, three components, mm), `force_n` (dead load, N).
 #[utoipa::path(put, path = "/v1/sessions/{session}/tissue", operation_id = "putTissue", tag = "inputs", params(("session" = Uuid, Path)),
-    request_body(content((Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"))),
+    request_body(content(
+        (Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"), (UploadForm = "multipart/form-data"))),
     responses((status = 200, description = "Report of the mesh.", body = TissueDocument)))]
 pub(in crate::http) async fn put_tissue(
     State(state): State<AppState>,
@@ -38,7 +40,7 @@ pub(in crate::http) async fn put_tissue(
     SessionParts::load(store, session).await?;
     let limit = state.limits.max_surface_bytes;
     let upload = receive(store, session, &headers, body, limit, &state.limits, None).await?;
-    Ok(Json(take_tissue(&state.service, session, upload).await?))
+    Ok(Json(take_tissue(&state.service, session, upload.blob).await?))
 }
 
 /// Format in which to send an uploaded tissue mesh.
@@ -113,7 +115,7 @@ fn bone_kind(segment: u32) -> Result<PartKind, Problem> {
 /// with `attachment` -2 slide on these bones.
 #[utoipa::path(put, path = "/v1/sessions/{session}/bones/{segment}", operation_id = "putBone", tag = "inputs",
     params(("session" = Uuid, Path), ("segment" = u32, Path)),
-    request_body(content = Vec<u8>, content_type = "application/octet-stream"),
+    request_body(content((Vec<u8> = "application/octet-stream"), (UploadForm = "multipart/form-data"))),
     responses((status = 200, description = "Report of the surface.", body = SurfaceDocument)))]
 pub(in crate::http) async fn put_bone(
     State(state): State<AppState>,

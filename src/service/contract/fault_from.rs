@@ -167,6 +167,7 @@ impl From<MeshError> for Halt {
             MeshError::Cancelled(_) => return Self::Cancelled,
             MeshError::Setting { name, .. } => fault.with("setting", name),
             MeshError::NoTissue => Fault { kind: FaultKind::AnatomyNotUsable, ..fault },
+            MeshError::RoughSkin { .. } => fault,
             MeshError::TooLarge { found, allowed, .. } => fault.with("tetrahedra", found).with("allowed", allowed),
             MeshError::Inverted { count, x, y, z } => fault.with("inverted", count).with("near_mm", vec![x, y, z]),
         }

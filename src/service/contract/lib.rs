@@ -43,6 +43,7 @@ mod surface;
 mod tissue;
 mod transform_json;
 mod transform_request;
+mod volume;
 mod warning;
 
 pub use attachment::{AttachedDocument, Attachment, BeyondName, NodeClassName, PaintDocument};
@@ -96,7 +97,8 @@ pub use session::{CreateSession, MAX_STEPS, SessionSettings};
 pub use solve::{OutputName, SolveRequest, SolverOptions};
 pub use statistics::StatisticsDocument;
 pub use step::{LeftOutDocument, ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
-pub use surface::{CtDocument, OriginKind, SurfaceDocument, SurfaceOrigin};
+pub use surface::{OriginKind, SurfaceDocument, SurfaceOrigin};
 pub use tissue::TissueDocument;
 pub use transform_request::{TransformDirection, TransformFileRequest};
+pub use volume::{CtDocument, LevelsDocument, VolumeDocument};
 pub use warning::{Findings, SeverityName, WarningDocument};

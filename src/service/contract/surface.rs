@@ -96,23 +96,3 @@ impl SurfaceDocument {
         }
     }
 }
-
-/// Description of a stored CT.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct CtDocument {
-    /// SHA-256 of the upload.
-    pub sha256: String,
-    /// Bytes of the upload.
-    pub bytes: u64,
-    /// Format of the upload: `nifti`, `dicom`, `nrrd`, `metaimage`.
-    #[serde(default = "nifti")]
-    pub format: String,
-    /// Warnings and notes.
-    #[serde(flatten)]
-    pub findings: Findings,
-}
-
-/// Format of records without one: they were all NIfTI.
-fn nifti() -> String {
-    "nifti".to_owned()
-}

@@ -232,7 +232,7 @@ impl<'a, 'd> Draft<'a, 'd> {
     }
 
     /// Repairs the prisms and splits edges until the outer triangles follow the skin.
-    fn follow_skin(&mut self, layer: &mut PrismLayer, control: &Control) -> Result<(), Cancelled> {
+    fn follow_skin(&mut self, layer: &mut PrismLayer, control: &Control) -> Result<(), MeshError> {
         layer.repair(self.inner, &mut self.mesh, &self.sides, control)?;
         layer.fit_outer_nodes(self.inner, &self.mesh, control)?;
         for _ in 0..PASSES {

@@ -26,6 +26,19 @@ pub enum MeshError {
         /// Largest number of tetrahedra allowed.
         allowed: u64,
     },
+    /// The skin is too rough for its layer of prisms.
+    #[error(
+        "the skin is too rough for edges of {edge_mm} mm, or no skin: of the {nodes} nodes of its layer, {folded} stay beside folded \
+         prisms; smooth the skin, or use shorter edges"
+    )]
+    RoughSkin {
+        /// Edge length, mm.
+        edge_mm: f64,
+        /// Number of nodes of the layer.
+        nodes: usize,
+        /// Number of nodes beside prisms that fold.
+        folded: usize,
+    },
     /// Inverted elements could not be repaired.
     #[error("{count} inverted elements could not be repaired, the first near ({x:.1}, {y:.1}, {z:.1}) mm")]
     Inverted {

@@ -31,6 +31,7 @@ impl PrismLayer {
             let wanted = self.nodes_of(&stirred, is_off);
             stirred.fill(false);
             for group in side_by_side(&wanted, &self.faces, &prisms) {
+                control.check()?;
                 let search = |&node: &u32| Trial::new(inner, self, mesh, &prisms, node).fitted();
                 let found: Vec<Option<Foot>> = group.par_iter().map(search).collect();
                 for (node, foot) in group.iter().map(|&n| n as usize).zip(found) {

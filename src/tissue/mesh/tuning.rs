@@ -90,6 +90,10 @@ pub(super) const MAX_SKIN_DISTANCE_MM: f64 = 0.3;
 pub(super) const REPAIR_SINE_FLOOR: f64 = 0.2;
 /// A move must better the worst scaled Jacobian by more than this.
 pub(super) const BETTER: f64 = 1e-4;
+/// Rounds of repair after which a skin is judged,
+pub(super) const ROUGH_AFTER_ROUNDS: usize = 2;
+/// and the share of the layer's nodes that may still lie beside badly shaped prisms then.
+pub(super) const ROUGH_SHARE: f64 = 0.5;
 /// Most rounds of repair over the nodes of bad prisms.
 pub(super) const REPAIR_ROUNDS: usize = 12;
 /// Steps of the pattern search on the nodes of bad prisms, edges.

@@ -1,8 +1,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::PartView;
-use prosopon_contract::{Check, Fault, FieldDocument, FieldSettingsDocument, REACH_MM, Solid};
+use super::{JobView, PartView};
+use prosopon_contract::{Check, CtDocument, Fault, FieldDocument, FieldSettingsDocument, REACH_MM, Solid};
 use prosopon_formats::import::{SeriesChoice, VolumeSettings};
 use prosopon_geometry::Point;
 use prosopon_jobs::ImportRequest;
@@ -43,6 +43,16 @@ pub struct CtQuery {
     pub rescale_intercept: Option<f64>,
     /// Largest step between uneven DICOM slices that is interpolated, mm, 0.1 to 20; 5 when absent.
     pub max_step_mm: Option<f64>,
+}
+
+/// An accepted CT: its import job, and what was read of it.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct CtAccepted {
+    /// The job that extracts the surfaces.
+    #[serde(flatten)]
+    pub job: JobView,
+    /// Size, place and values of the CT, and findings on how it was read.
+    pub ct: CtDocument,
 }
 
 impl CtQuery {

@@ -56,8 +56,13 @@ pub(super) async fn store_order(
 
 /// The answer 202 with the job and its location.
 pub(super) fn accepted(view: &JobView) -> Response {
+    accepted_with(view, view)
+}
+
+/// The answer 202 with the job's location and a body that says more than the job.
+pub(super) fn accepted_with<T: Serialize>(view: &JobView, body: &T) -> Response {
     let headers = [(header::LOCATION, location(view)), (header::RETRY_AFTER, RETRY_AFTER_S.to_owned())];
-    (StatusCode::ACCEPTED, headers, Json(view)).into_response()
+    (StatusCode::ACCEPTED, headers, Json(body)).into_response()
 }
 
 fn location(view: &JobView) -> String {

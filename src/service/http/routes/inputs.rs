@@ -6,9 +6,9 @@ use axum::response::Response;
 use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
-use super::accepted::accept;
+use super::accepted::{accepted_with, store_order, stored};
 use super::results::send_surface;
-use crate::http::dto::{CtQuery, JobView, UploadForm, import_request};
+use crate::http::dto::{CtAccepted, CtQuery, JobView, UploadForm, import_request};
 use crate::http::extract::{Ids, Params};
 use crate::http::result::{tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
@@ -17,7 +17,7 @@ use crate::http::{AppState, Problem};
 use prosopon_contract::{FaultKind, SurfaceDocument};
 use prosopon_formats::export::SurfaceView;
 use prosopon_formats::import::SurfaceFormat;
-use prosopon_jobs::{CtScan, take_ct, take_surface};
+use prosopon_jobs::{CtScan, Order, take_ct, take_surface};
 use prosopon_session::{SessionParts, load_mesh};
 use prosopon_store::{JobKind, PartKind, SessionId};
 
@@ -67,7 +67,7 @@ pub(in crate::http) struct InputQuery {
 #[utoipa::path(put, path = "/v1/sessions/{session}/ct", operation_id = "putCt", tag = "inputs",
     params(("session" = Uuid, Path), CtQuery),
     request_body(content((Vec<u8> = "application/octet-stream"), (UploadForm = "multipart/form-data"))),
-    responses((status = 202, description = "The import job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+    responses((status = 202, description = "The import job, and what was read.", body = CtAccepted, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn put_ct(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -80,7 +80,7 @@ pub(in crate::http) async fn put_ct(
     let (settings, reading) = query.check()?;
     let scan = CtScan::new(&state.service);
     let upload = receive(store, session, &headers, body, state.limits.max_ct_bytes, &state.limits, Some(scan)).await?;
-    let part = take_ct(&state.service, session, upload.blob, reading).await?;
+    let (part, ct) = take_ct(&state.service, session, upload.blob, reading).await?;
     let key = part.key.clone();
     // A job may be reading the same CT, so its file stays.
     match store.part(session, PartKind::Ct).await? {
@@ -89,7 +89,9 @@ pub(in crate::http) async fn put_ct(
         }
         _ => store.put_parts(session, &[part]).await?,
     }
-    accept(&state, session, JobKind::Import, &import_request(&settings, key), None).await
+    let order = Order::new(session, JobKind::Import, stored(&import_request(&settings, key))?);
+    let job = JobView::from(&store_order(&state, order, None).await?);
+    Ok(accepted_with(&job, &CtAccepted { job: job.clone(), ct }))
 }
 
 pub(super) async fn put(

@@ -3,7 +3,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 
 use crate::Service;
-use prosopon_contract::{CtDocument, Fault, FaultKind, Halt, import_fault, to_json};
+use prosopon_contract::{CtDocument, Fault, FaultKind, Halt, VolumeDocument, import_fault, to_json};
 use prosopon_formats::export::nifti_gz;
 use prosopon_formats::import::{ImportError, VolumeCheck, VolumeFormat, VolumeSettings, volume_with};
 use prosopon_geometry::Warning;
@@ -66,7 +66,7 @@ impl CtScan {
     }
 }
 
-/// Makes an upload the session's CT; the caller stores the returned part.
+/// Makes an upload the session's CT; the caller stores the returned part, whose document is the second value.
 ///
 /// Whatever the format, only the voxels and their positions are stored, as NIfTI, so that no tag of a patient and no note in a
 /// header outlives the request. The upload's blob is then removed.
@@ -78,18 +78,19 @@ pub async fn take_ct(
     session: SessionId,
     upload: BlobInfo,
     settings: VolumeSettings,
-) -> Result<PartRecord, Fault> {
+) -> Result<(PartRecord, CtDocument), Fault> {
     let read = read_ct(service, &upload.key, settings).await;
     service.store.blobs().delete(&upload.key).await;
-    let (bytes, format, warnings) = read?;
-    let stored = service.store.blobs().put(session, bytes).await?;
+    let Read { packed, format, volume, warnings } = read?;
+    let stored = service.store.blobs().put(session, packed).await?;
     let document = CtDocument {
         sha256: upload.sha256,
         bytes: upload.bytes,
         format: format.name().to_owned(),
+        volume: Some(volume),
         findings: warnings.into_iter().collect(),
     };
-    Ok(PartRecord {
+    let part = PartRecord {
         kind: PartKind::Ct,
         key: stored.sha256,
         blob: Some(stored.key),
@@ -97,14 +98,23 @@ pub async fn take_ct(
         wall_s: 0.0,
         document: to_json("the description of the CT", &document)?,
         updated_at: now_rfc3339(),
-    })
+    };
+    Ok((part, document))
+}
+
+/// A CT as NIfTI, and what was read.
+struct Read {
+    packed: Vec<u8>,
+    format: VolumeFormat,
+    volume: VolumeDocument,
+    warnings: Vec<Warning>,
 }
 
 async fn read_ct(
     service: &Service,
     key: &str,
     settings: VolumeSettings,
-) -> Result<(Vec<u8>, VolumeFormat, Vec<Warning>), Fault> {
+) -> Result<Read, Fault> {
     let bytes = service.store.blobs().get(key).await?;
     let limits = service.settings.import;
     service
@@ -118,7 +128,8 @@ async fn read_ct(
             }
             let packed = nifti_gz(&read.volume)
                 .map_err(|e| Fault::new(FaultKind::VolumeNotUsable, e.to_string()).at(PartKind::Ct.as_str()))?;
-            Ok((packed, read.format, read.warnings))
+            let volume = VolumeDocument::from(&read.volume);
+            Ok(Read { packed, format: read.format, volume, warnings: read.warnings })
         })
         .await
 }

@@ -19,9 +19,16 @@ pub(super) enum CtCommand {
 
 /// Input of `prosopon ct` and how to read it.
 #[derive(Debug, Args)]
-struct ReadArguments {
+struct InputArguments {
     /// CT: DICOM series (zip or folder), NIfTI, NRRD, MetaImage.
     input: PathBuf,
+    #[command(flatten)]
+    reading: ReadArguments,
+}
+
+/// How to read a CT.
+#[derive(Debug, Args)]
+pub(super) struct ReadArguments {
     /// DICOM series to read: its SeriesInstanceUID, or its number in the list of the warning about several series.
     #[arg(long)]
     series: Option<String>,
@@ -46,7 +53,7 @@ struct ReadArguments {
 }
 
 impl ReadArguments {
-    fn settings(&self) -> VolumeSettings {
+    pub(super) fn settings(&self) -> VolumeSettings {
         VolumeSettings {
             series: self.series.as_deref().map(SeriesChoice::of),
             stack: self.stack,
@@ -62,7 +69,7 @@ impl ReadArguments {
 #[derive(Debug, Args)]
 pub(super) struct ConvertArguments {
     #[command(flatten)]
-    read: ReadArguments,
+    read: InputArguments,
     /// NIfTI file to write (.nii.gz).
     #[arg(long)]
     out: Option<PathBuf>,
@@ -74,7 +81,7 @@ pub(super) struct ConvertArguments {
 #[derive(Debug, Args)]
 pub(super) struct SurfaceArguments {
     #[command(flatten)]
-    read: ReadArguments,
+    read: InputArguments,
     /// Folder to write the surfaces to, as PLY.
     #[arg(long)]
     out: Option<PathBuf>,
@@ -99,7 +106,7 @@ pub(super) fn run(command: &CtCommand) -> CommandResult {
     let mut out = std::io::stdout();
     match command {
         CtCommand::Convert(ConvertArguments { read, out: file, compare }) => {
-            let settings = read.settings();
+            let settings = read.reading.settings();
             if let Some(file) = file {
                 refuse_overwriting(
                     file,
@@ -126,7 +133,7 @@ pub(super) fn run(command: &CtCommand) -> CommandResult {
                 skull: skull.clone(),
                 within,
                 settings: CtSettings { skin_hu: *skin_hu, bone_hu: *bone_hu, ..CtSettings::default() },
-                reading: read.settings(),
+                reading: read.reading.settings(),
             };
             study.run(&mut out)?;
         }

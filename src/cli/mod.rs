@@ -3,6 +3,7 @@
 //! Invariants: commands only call the library; no other module writes to stdout.
 
 mod bench;
+mod check;
 mod compare;
 mod ct;
 mod demo;
@@ -38,6 +39,8 @@ enum Command {
     Demo(crate::demo::DemoArgs),
     /// Compare two surfaces: signed error map, picture and statistics.
     Compare(compare::CompareArguments),
+    /// Report what the service would read from files: frame, units, size, orientation, values, findings.
+    Check(check::CheckArguments),
     /// Read a CT as the service does: convert, compare, extract surfaces.
     #[command(subcommand)]
     Ct(ct::CtCommand),
@@ -84,6 +87,7 @@ pub fn run() -> ExitCode {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
         Command::Ct(command) => ct::run(&command),
         Command::Bench(command) => bench::run(&command),
         Command::Config(command) => operate::config(&command),

@@ -21,10 +21,13 @@ use prosopon_planning::surface::{CtSettings, from_ct};
 /// Largest number of files in a folder that is read as a series.
 const MAX_FILES: usize = 20_000;
 
+/// Endings of headers that name their voxel files, and of such files.
+const NAMED: [&str; 7] = ["mhd", "nhdr", "hdr", "raw", "zraw", "gz", "img"];
+
 /// Reads the bytes of a CT: a file as it is, a folder with all its subfolders as a zip archive.
 ///
-/// In the archive, files have numbers instead of names, because names of DICOM files may contain a patient's name. MetaImage
-/// files keep their names.
+/// In the archive, files have numbers instead of names, because names of DICOM files may contain a patient's name. MetaImage,
+/// NRRD and NIfTI files whose header names its voxel file keep their names.
 ///
 /// # Errors
 /// [`BenchError::File`] when a file cannot be read or the folder has more than 20 000 files.
@@ -40,8 +43,8 @@ pub fn read_ct(path: &Path) -> Result<Vec<u8>, BenchError> {
     // Compression would take longer than the upload to a service on this machine.
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
     for (number, file) in files.iter().enumerate() {
-        // A MetaImage header refers to its voxel file by name; names of DICOM files may contain a patient's name.
-        let kept = file.extension().and_then(|e| e.to_str()).filter(|e| matches!(*e, "mhd" | "raw" | "zraw"));
+        // Names of DICOM files may contain a patient's name.
+        let kept = file.extension().and_then(|e| e.to_str()).filter(|e| NAMED.contains(e));
         let name = match (kept, file.file_name().and_then(|n| n.to_str())) {
             (Some(_), Some(name)) => name.to_owned(),
             _ => number.to_string(),

@@ -24,16 +24,6 @@ pub(super) enum NoHead {
     OnlyBumps,
 }
 
-impl NoHead {
-    pub(super) fn text(self) -> &'static str {
-        match self {
-            Self::NoBody => "there is no body denser than this and thicker than a sheet",
-            Self::NoAirAround => "there is no air around the body; the volume must reach beyond the head",
-            Self::OnlyBumps => "everything denser than this is thin; check that the volume shows a head in HU",
-        }
-    }
-}
-
 /// Extracts the head.
 pub(super) fn head(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<Result<Head, NoHead>, Cancelled> {
     let (dims, h) = (hu.dims, hu.spacing);

@@ -52,6 +52,9 @@ pub(super) const LID_MM: f64 = 5.0;
 /// Least inward extent of a cut airway, mm.
 /// Shallower air lies between the head and a cover: a mask over the crown encloses air on the last slice.
 pub(super) const AIRWAY_MM: f64 = 8.0;
+/// Largest area of an airway that leaves through an edge of the volume, mm²: a pharynx cut along and across has about 1000, and air
+/// beside a head several times this.
+pub(super) const MAX_AIRWAY_MM2: f64 = 2000.0;
 /// Values are clamped to this, because interpolation across the edge of metal would otherwise oscillate by hundreds of HU.
 pub(super) const MAX_HU: i16 = 2000;
 pub(super) const MIN_HU: i16 = -1000;

@@ -6,7 +6,7 @@ use prosopon_field::ExactDistance;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, Severity, TopologyFaults, TriMesh, Volume};
 
-const SPACING: f64 = 2.0;
+const SPACING: f64 = 2.5;
 const UNITS: &str = "levels-from-histogram";
 
 fn run(volume: &Volume, settings: &CtSettings) -> Result<CtSurfaces, SurfaceError> {
@@ -152,7 +152,7 @@ fn given_levels_are_in_the_units_of_the_volume() {
 fn a_view_inside_the_head_is_refused_with_this_reason() {
     let hu = head().ct(SPACING);
     let radius = |p: &Point| (p.x).hypot(p.y);
-    let inside = changed(&hu, |v, p| if radius(p) > 30.0 || p.z.abs() > 20.0 { -1000.0 } else { v.max(40.0) });
+    let inside = changed(&hu, |v, p| if radius(p) > 45.0 || p.z.abs() > 25.0 { -1000.0 } else { v.max(40.0) });
     for volume in [grey(&inside), inside] {
         let error = run(&volume, &CtSettings::default()).unwrap_err().to_string();
         assert!(error.contains("the field of view cuts the head on all sides"), "{error}");

@@ -2,7 +2,7 @@
 
 use super::histogram::{Histogram, Peak, Peaks};
 use super::tuning::{
-    AIR_LEVEL_HU, BONE_HU, BONE_STEPS, HU_AIR, HU_SOFT, PADDING_SHARE, PADDING_STEP, SEPARATION, SKIN_HU,
+    AIR_LEVEL_HU, AIR_PEAK_SHARE, AIR_WIDTH, BONE_HU, BONE_STEPS, HU_AIR, HU_SOFT, PADDING_SHARE, SEPARATION, SKIN_HU,
     SOFT_LEVEL_HU, SOFT_SHARE, SOFT_STEP,
 };
 use prosopon_geometry::Volume;
@@ -57,7 +57,7 @@ pub(super) struct Values {
     pub(super) in_hu: bool,
     /// Value that fills the corners of the volume: padding, or air without noise.
     pub(super) filling: Option<i16>,
-    /// Whether the filling is neither air nor tissue.
+    /// Whether air was found beside the filling, which is padding then.
     pub(super) is_padding: bool,
     /// All voxels.
     pub(super) histogram: Histogram,
@@ -69,15 +69,11 @@ impl Values {
         let histogram = Histogram::of(volume.hu.iter().copied());
         let filling = filling(volume, &histogram);
         let all = histogram.peaks();
-        // Padding hides air when its value is another one.
-        let rest = filling.and_then(|value| {
-            let rest = histogram.clone().without(value, u64::MAX);
-            let levels = levels(&rest.peaks(), &rest)?;
-            let step = levels.soft_tissue - levels.air;
-            ((f64::from(value) - levels.air).abs() > PADDING_STEP * step).then_some(levels)
-        });
-        let is_padding = rest.is_some();
-        let levels = rest.or_else(|| levels(&all, &histogram));
+        let of_all = levels(&all, &histogram);
+        let of_rest = filling.and_then(|value| beside_padding(value, &histogram));
+        // The filling of a volume in HU is air without noise, and what remains is the mixture of air and tissue in one voxel.
+        let is_padding = of_rest.is_some_and(|rest| rest.are_hu() || !of_all.is_some_and(|all| all.are_hu()));
+        let levels = if is_padding { of_rest } else { of_all };
         let in_hu = match levels {
             Some(levels) => levels.are_hu(),
             // A volume that shows only air, or only tissue, may be in HU.
@@ -105,6 +101,19 @@ impl Values {
     }
 }
 
+/// Levels of the voxels without the value of the padding, when these show a peak of air.
+fn beside_padding(padding: i16, histogram: &Histogram) -> Option<Levels> {
+    let rest = histogram.clone().without(padding, u64::MAX);
+    let found = levels(&rest.peaks(), &rest)?;
+    let step = found.soft_tissue - found.air;
+    let share = |from: f64, to: f64| rest.share_above(from) - rest.share_above(to);
+    // Values of voxels that air and tissue share lie evenly between both and have no narrow peak.
+    let near = share(found.air - AIR_WIDTH * step, found.air + AIR_WIDTH * step);
+    let lower = 1.0 - rest.share_above(found.air + 0.5 * step);
+    let is_peak = near > AIR_PEAK_SHARE * lower;
+    is_peak.then_some(found)
+}
+
 /// Levels of a histogram whose lowest peak is air.
 fn levels(found: &Peaks, histogram: &Histogram) -> Option<Levels> {
     let (air, upper) = found.peaks.split_first()?;
@@ -114,7 +123,9 @@ fn levels(found: &Peaks, histogram: &Histogram) -> Option<Levels> {
         |p: &&Peak| p.value > largest.value && p.value - largest.value < reach && p.share > SOFT_SHARE * largest.share;
     let soft = upper.iter().rfind(is_muscle).unwrap_or(largest);
     let step = soft.value - air.value;
-    let bone_steps = (f64::from(histogram.quantile(0.995)) - soft.value) / step;
+    // The 98 % quantile of tissue.
+    let not_air = histogram.share_above(air.value + 0.5 * step);
+    let bone_steps = (f64::from(histogram.quantile(1.0 - 0.02 * not_air)) - soft.value) / step;
     let usable = found.valley(air, soft) <= SEPARATION && within(BONE_STEPS, bone_steps);
     usable.then_some(Levels { air: air.value, soft_tissue: soft.value })
 }

@@ -116,7 +116,10 @@ fn other_levels(values: &Values, settings: &CtSettings, warnings: &mut Vec<Warni
 fn from_histogram(values: &Values, levels: &Levels, settings: &CtSettings) -> Warning {
     let [skin, bone] = [(settings.skin_hu, SKIN_HU), (settings.bone_hu, BONE_HU)]
         .map(|(given, hu)| given.unwrap_or_else(|| levels.at_hu(hu)));
-    let [tissue, dense] = [skin, bone].map(|at| 100.0 * values.histogram.share_above(at));
+    let padding = values.filling.filter(|_| values.is_padding);
+    let shown = padding.map(|value| values.histogram.clone().without(value, u64::MAX));
+    let shown = shown.as_ref().unwrap_or(&values.histogram);
+    let [tissue, dense] = [skin, bone].map(|at| 100.0 * shown.share_above(at));
     let message = format!(
         "the values are not Hounsfield units: the histogram shows air at {:.0} and soft tissue at {:.0}, so that skin is taken at \
          {skin:.0} and bone at {bone:.0} (soft tissue is {:.1} % and bone {dense:.1} % of the voxels)",

@@ -183,9 +183,9 @@ fn fields(
     control: &Control,
 ) -> Result<Fields, SurfaceError> {
     let resampled = resample::resample(volume, skin_hu, &control.stage(0.0, 0.1))?;
-    let (mut hu, mut warnings) = (resampled.grid, resampled.warnings);
+    let (mut hu, is_open, mut warnings) = (resampled.grid, resampled.is_open, resampled.warnings);
     warnings.extend(noise::reduce(&mut hu));
-    let Head { skin, removed_mm3 } = head::head(&hu, skin_hu, &control.stage(0.1, 0.2))?
+    let Head { skin, removed_mm3 } = head::head(&hu, is_open, skin_hu, &control.stage(0.1, 0.2))?
         .map_err(|reason| nothing("head", skin_hu, no_head(reason, volume, skin_hu)))?;
     let cuts = Cuts::of(&View { volume, given, filling, skin_hu, bone_hu, skin: &skin });
     if cuts.are_everywhere() {

@@ -14,6 +14,8 @@ use super::components::Components;
 /// A CT resampled on a lattice along L, P and S.
 pub(super) struct Resampled {
     pub(super) grid: ScalarGrid,
+    /// For each axis, the smaller and the larger side: whether a face there does not cut the head.
+    pub(super) is_open: [[bool; 2]; 3],
     pub(super) warnings: Vec<Warning>,
 }
 
@@ -53,8 +55,10 @@ pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) ->
     let corners: Vec<Point> =
         (0..8).map(|c: u8| corner(f64::from(c & 1) * nx, f64::from(c >> 1 & 1) * ny, f64::from(c >> 2) * nz)).collect();
     let mut bounds = Aabb::of(&corners).unwrap_or(Aabb { min: volume.origin, max: volume.origin });
+    let mut is_open = [[false; 2]; 3];
     for outward in uncut {
         let side = outward.iamax();
+        is_open[side][usize::from(outward[side] > 0.0)] = true;
         if outward[side] > 0.0 {
             bounds.max[side] += AIR_MM;
         } else {
@@ -91,7 +95,7 @@ pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) ->
             }
         });
     }
-    Ok(Resampled { grid, warnings })
+    Ok(Resampled { grid, is_open, warnings })
 }
 
 /// Outward directions of the volume's faces that do not cut the head.

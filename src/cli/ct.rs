@@ -94,12 +94,12 @@ pub(super) struct SurfaceArguments {
     /// Compare only within this box: smallest x, y, z and largest x, y, z, LPS mm.
     #[arg(long, num_args = 6, allow_negative_numbers = true, value_names = ["X0", "Y0", "Z0", "X1", "Y1", "Z1"])]
     within: Option<Vec<f64>>,
-    /// HU level of the skin surface.
-    #[arg(long, default_value_t = CtSettings::default().skin_hu, allow_negative_numbers = true)]
-    skin_hu: f64,
-    /// HU level of the bone surface.
-    #[arg(long, default_value_t = CtSettings::default().bone_hu)]
-    bone_hu: f64,
+    /// Level of the skin surface in the volume's own values; -300 HU or what corresponds to it when absent.
+    #[arg(long, allow_negative_numbers = true)]
+    skin_hu: Option<f64>,
+    /// Level of the bone surface in the volume's own values; 300 HU or what corresponds to it when absent.
+    #[arg(long, allow_negative_numbers = true)]
+    bone_hu: Option<f64>,
 }
 
 pub(super) fn run(command: &CtCommand) -> CommandResult {

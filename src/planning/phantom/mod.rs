@@ -13,6 +13,8 @@ mod arches;
 mod ct;
 #[cfg(test)]
 mod ct_tests;
+#[cfg(test)]
+mod ct_units_tests;
 mod dual;
 mod head;
 mod landmarks;

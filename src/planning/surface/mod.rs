@@ -4,7 +4,7 @@
 
 mod ct;
 
-pub use ct::{BONE_LEVELS_HU, CtSettings, CtSurfaces, SKIN_LEVELS_HU, from_ct};
+pub use ct::{CtSettings, CtSurfaces, Levels, from_ct, levels_of};
 
 use prosopon_geometry::control::Cancelled;
 
@@ -16,16 +16,32 @@ pub enum SurfaceError {
     NothingFound {
         /// What was searched for: head, skin or bone.
         what: &'static str,
-        /// The threshold that was used, HU.
+        /// The threshold that was used, HU, also for a volume of other units.
         threshold_hu: f64,
         /// Why it was not found.
-        reason: &'static str,
+        reason: String,
     },
     /// The volume cannot be used.
     #[error("the volume is not usable: {detail}")]
     Volume {
         /// What is wrong, with numbers and units.
         detail: String,
+    },
+    /// A threshold does not fit the values of the volume.
+    #[error("the setting `{name}` is {value}, but the values of the volume are {min} to {max}{found}: {rule}")]
+    Level {
+        /// Name of the setting in [`CtSettings`].
+        name: &'static str,
+        /// Its value, in the units of the volume.
+        value: f64,
+        /// Smallest value of the volume.
+        min: f64,
+        /// Largest value of the volume.
+        max: f64,
+        /// Levels of air and soft tissue as the end of a clause; empty when they were not found.
+        found: String,
+        /// What does not hold.
+        rule: &'static str,
     },
     /// A setting is not allowed.
     #[error("the setting `{name}` is {value}, allowed is {min} to {max}")]

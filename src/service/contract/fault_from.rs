@@ -140,7 +140,7 @@ impl From<SurfaceError> for Halt {
             SurfaceError::NothingFound { .. } | SurfaceError::Volume { .. } => {
                 Fault::new(FaultKind::VolumeNotUsable, error.to_string()).into()
             }
-            SurfaceError::Setting { name, .. } => {
+            SurfaceError::Setting { name, .. } | SurfaceError::Level { name, .. } => {
                 Fault::invalid(vec![FieldFault::new(format!("/{name}"), error.to_string())]).into()
             }
         }
@@ -371,9 +371,14 @@ mod tests {
 
     #[test]
     fn a_bad_setting_of_surfaces_is_the_fault_of_the_request() {
-        let error = SurfaceError::Setting { name: "bone_hu", value: -5.0, min: 100.0, max: 1500.0 };
-        let Halt::Fault(fault) = error.into() else { unreachable!() };
-        assert_eq!((fault.kind, fault.errors[0].pointer.as_str()), (FaultKind::InvalidRequest, "/bone_hu"));
+        let (found, rule) = (String::new(), "it must lie within them");
+        for error in [
+            SurfaceError::Setting { name: "bone_hu", value: -5.0, min: 0.0, max: 5.0 },
+            SurfaceError::Level { name: "bone_hu", value: -5.0, min: 50.0, max: 2050.0, found, rule },
+        ] {
+            let Halt::Fault(fault) = error.into() else { unreachable!() };
+            assert_eq!((fault.kind, fault.errors[0].pointer.as_str()), (FaultKind::InvalidRequest, "/bone_hu"));
+        }
     }
 
     #[test]

@@ -20,10 +20,12 @@ use prosopon_store::{JobId, JobRecord, OsteotomyId};
 pub struct ImportRequest {
     /// SHA-256 of the CT.
     pub ct_sha256: String,
-    /// Threshold of the skin, HU.
-    pub skin_hu: f64,
-    /// Threshold of bone, HU.
-    pub bone_hu: f64,
+    /// Threshold of the skin in the units of the volume; `None` when the volume's own levels determine it.
+    #[serde(default)]
+    pub skin_hu: Option<f64>,
+    /// Threshold of bone in the units of the volume; `None` when the volume's own levels determine it.
+    #[serde(default)]
+    pub bone_hu: Option<f64>,
     /// Largest geometric error of the simplified surfaces, mm.
     pub max_error_mm: f64,
 }

@@ -219,7 +219,7 @@ async fn unusable_ct_files_are_refused() {
     app.upload(&path, Vec::new()).await.problem(422, "volume-not-usable");
     app.upload(&path, skin()).await.problem(415, "unsupported-format");
     // A file that no import accepts is not stored.
-    for level in ["skin_hu=400", "skin_hu=-950", "bone_hu=50", "bone_hu=2900"] {
+    for level in ["skin_hu=400&bone_hu=300", "skin_hu=NaN", "bone_hu=inf", "max_error_mm=9"] {
         app.upload(&format!("{path}?{level}"), nifti()).await.problem(422, "invalid-request");
     }
     app.upload(&format!("{path}?skin=400"), nifti()).await.problem(400, "malformed-request");

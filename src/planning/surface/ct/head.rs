@@ -24,18 +24,13 @@ pub(super) enum NoHead {
     OnlyBumps,
 }
 
-impl NoHead {
-    pub(super) fn text(self) -> &'static str {
-        match self {
-            Self::NoBody => "there is no body denser than this and thicker than a sheet",
-            Self::NoAirAround => "there is no air around the body; the volume must reach beyond the head",
-            Self::OnlyBumps => "everything denser than this is thin; check that the volume shows a head in HU",
-        }
-    }
-}
-
 /// Extracts the head.
-pub(super) fn head(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<Result<Head, NoHead>, Cancelled> {
+pub(super) fn head(
+    hu: &ScalarGrid,
+    is_open: [[bool; 2]; 3],
+    skin_hu: f64,
+    control: &Control,
+) -> Result<Result<Head, NoHead>, Cancelled> {
     let (dims, h) = (hu.dims, hu.spacing);
     let tissue: Vec<bool> = hu.values.iter().map(|v| *v > skin_hu as f32).collect();
     let Some(solid) = without_sheets(&tissue, dims, SHEET_MM / h) else { return Ok(Err(NoHead::NoBody)) };
@@ -49,7 +44,14 @@ pub(super) fn head(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<R
     if !components.at_border.iter().any(|b| *b) {
         return Ok(Err(NoHead::NoAirAround));
     }
-    let ball = components.mask(|c| components.at_border[c]);
+    // Air that reaches only faces that cut the head is an airway: a thin wall at such a face goes with the sheets.
+    let at_open_side = |at: usize| {
+        let place = [at % dims[0], at / dims[0] % dims[1], at / dims[0] / dims[1]];
+        (0..3).any(|a| is_open[a][0] && place[a] == 0 || is_open[a][1] && place[a] + 1 == dims[a])
+    };
+    let outside = Some(components.any(at_open_side)).filter(|outside| outside.contains(&true));
+    let outside = outside.unwrap_or_else(|| components.at_border.clone());
+    let ball = components.mask(|c| outside[c]);
     let to_ball = Nearest::of(|at| ball[at].then_some(0.0), dims, cap(AIR_REACH_MM / h));
     drop((ball_fits, ball));
     let mut filled = hu.clone();

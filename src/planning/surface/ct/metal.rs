@@ -80,7 +80,8 @@ impl Metal {
     }
 }
 
-fn nearest_sample(grid: &ScalarGrid, p: &Point) -> Option<[usize; 3]> {
+/// Indices of the sample nearest to `p`; `None` farther than half a step outside.
+pub(super) fn nearest_sample(grid: &ScalarGrid, p: &Point) -> Option<[usize; 3]> {
     let at = (p - grid.origin) / grid.spacing;
     let inside = (0..3).all(|a| at[a] >= -0.5 && at[a] < grid.dims[a] as f64 - 0.5);
     inside.then(|| [0, 1, 2].map(|a| at[a].round().max(0.0) as usize))

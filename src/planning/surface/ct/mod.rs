@@ -2,40 +2,52 @@
 
 mod bone_and_air;
 mod components;
+mod cuts;
 mod depth;
 mod distance;
 mod head;
+mod histogram;
+mod levels;
 mod metal;
+mod noise;
 mod resample;
 mod soft_tissue;
 #[cfg(test)]
 mod test_masks;
 mod tuning;
+mod units;
+
+pub use levels::Levels;
+pub use units::levels_of;
 
 use super::SurfaceError;
+use cuts::{Cuts, View};
 use depth::Depth;
-use head::Head;
+use head::{Head, NoHead};
 use metal::Metal;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{
     ScalarGrid, TriMesh, Volume, Warning, decimate_with, drop_small_parts, isosurface, largest_part, smooth,
 };
 use tuning::{INNER_ITERATIONS, MIN_BONE_MM, MIN_TRIANGLES, SKIN_ITERATIONS};
+use units::InHu;
 
 /// Thresholds and tolerance of [`from_ct`].
+///
+/// The thresholds are in the units of the volume and must lie within its values, the one of skin below that of bone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CtSettings {
-    /// Skin threshold, HU, within [`SKIN_LEVELS_HU`].
-    pub skin_hu: f64,
-    /// Bone threshold, HU, within [`BONE_LEVELS_HU`].
-    pub bone_hu: f64,
+    /// Skin threshold; -300 HU, or what corresponds to it in a volume of other units, when `None`.
+    pub skin_hu: Option<f64>,
+    /// Bone threshold; 300 HU, or what corresponds to it in a volume of other units, when `None`.
+    pub bone_hu: Option<f64>,
     /// Largest geometric error of the simplification, mm, 0 to 5.
     pub max_error_mm: f64,
 }
 
 impl Default for CtSettings {
     fn default() -> Self {
-        Self { skin_hu: -300.0, bone_hu: 300.0, max_error_mm: 0.1 }
+        Self { skin_hu: None, bone_hu: None, max_error_mm: 0.1 }
     }
 }
 
@@ -54,10 +66,6 @@ pub struct CtSurfaces {
     pub warnings: Vec<Warning>,
 }
 
-/// Smallest and largest skin threshold allowed, HU.
-pub const SKIN_LEVELS_HU: [f64; 2] = [-900.0, 0.0];
-/// Smallest and largest bone threshold allowed, HU.
-pub const BONE_LEVELS_HU: [f64; 2] = [100.0, 1500.0];
 /// Smallest and largest error of the simplification allowed, mm.
 const MAX_ERRORS_MM: [f64; 2] = [0.0, 5.0];
 
@@ -65,6 +73,9 @@ const MAX_ERRORS_MM: [f64; 2] = [0.0, 5.0];
 ///
 /// The volume may have any orientation and spacing. It is sampled on a lattice along L, P, S with its in-plane spacing, at least
 /// 0.8 and at most 1.5 mm (more for very large volumes).
+/// - Units: values other than HU (cone-beam CT) are converted linearly, so that the peaks of air and soft tissue in the histogram
+///   become -1000 and 40 HU. All lengths and levels below, and the mean of soft tissue, refer to these HU.
+/// - Noise: above 70 HU in soft tissue, neighbours on the lattice are averaged.
 /// - Skin: the largest body above `skin_hu` after an opening that removes sheets, mask strands and streaks. All air that a ball
 ///   of 5 mm radius cannot reach from outside belongs to the inside.
 /// - Skull: above `bone_hu`, at least 2 mm below the skin and the volume's border, without pieces under 12 mm. In slices with
@@ -107,8 +118,13 @@ const MAX_ERRORS_MM: [f64; 2] = [0.0, 5.0];
 /// ```
 pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Result<CtSurfaces, SurfaceError> {
     resample::check(volume)?;
-    check_settings(settings)?;
-    let Fields { skin, bone, air, soft_tissue, mut warnings } = fields(volume, settings, control)?;
+    check_tolerance(settings)?;
+    let InHu { volume: in_hu, skin_hu, bone_hu, filling, mut warnings } = units::in_hu(volume, settings)?;
+    let thresholds = Thresholds { skin_hu, bone_hu };
+    let Fields { skin, bone, air, soft_tissue, warnings: found } =
+        fields(&in_hu, volume, filling, thresholds, control)?;
+    drop(in_hu);
+    warnings.extend(found);
     control.report(0.3);
     let finish = |field: &ScalarGrid, structure: Structure, progress: &(dyn Fn(f64) + Sync)| {
         finished(field, structure, settings.max_error_mm, control, progress)
@@ -121,10 +137,9 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
             (skull, air.map(|field| finish(&field, Structure::Air, &|share| control.report(0.9 + 0.1 * share))))
         },
     );
-    let nothing = |what, threshold_hu, reason| SurfaceError::NothingFound { what, threshold_hu, reason };
-    let skin = skin?.ok_or(nothing("skin", settings.skin_hu, "nothing in the volume crosses this level"))?;
+    let skin = skin?.ok_or_else(|| nothing("skin", skin_hu, "nothing in the volume crosses this level"))?;
     let no_bone = "nothing inside the skin is as dense over more than a few millimetres";
-    let skull = skull?.ok_or(nothing("bone", settings.bone_hu, no_bone))?;
+    let skull = skull?.ok_or_else(|| nothing("bone", bone_hu, no_bone))?;
     if skin.left_out > 0 {
         let message = format!("{} separate parts of the skin surface were left out", skin.left_out);
         warnings.push(Warning::info("skin-parts-dropped", message));
@@ -148,15 +163,37 @@ struct Fields {
     warnings: Vec<Warning>,
 }
 
-fn fields(volume: &Volume, settings: &CtSettings, control: &Control) -> Result<Fields, SurfaceError> {
-    let resampled = resample::resample(volume, settings.skin_hu, &control.stage(0.0, 0.1))?;
-    let (hu, mut warnings) = (resampled.grid, resampled.warnings);
-    let Head { skin, removed_mm3 } =
-        head::head(&hu, settings.skin_hu, &control.stage(0.1, 0.2))?.map_err(|reason| SurfaceError::NothingFound {
-            what: "head",
-            threshold_hu: settings.skin_hu,
-            reason: reason.text(),
-        })?;
+/// Thresholds in HU.
+#[derive(Clone, Copy)]
+struct Thresholds {
+    skin_hu: f64,
+    bone_hu: f64,
+}
+
+fn nothing(what: &'static str, threshold_hu: f64, reason: impl Into<String>) -> SurfaceError {
+    SurfaceError::NothingFound { what, threshold_hu, reason: reason.into() }
+}
+
+/// Fields of `volume`, which is in HU. `given` is the same volume in its own units; `filling` is the value of its corners.
+fn fields(
+    volume: &Volume,
+    given: &Volume,
+    filling: Option<i16>,
+    Thresholds { skin_hu, bone_hu }: Thresholds,
+    control: &Control,
+) -> Result<Fields, SurfaceError> {
+    let resampled = resample::resample(volume, skin_hu, &control.stage(0.0, 0.1))?;
+    let (mut hu, is_open, mut warnings) = (resampled.grid, resampled.is_open, resampled.warnings);
+    warnings.extend(noise::reduce(&mut hu));
+    let Head { skin, removed_mm3 } = head::head(&hu, is_open, skin_hu, &control.stage(0.1, 0.2))?
+        .map_err(|reason| nothing("head", skin_hu, no_head(reason, volume, skin_hu)))?;
+    let cuts = Cuts::of(&View { volume, given, filling, skin_hu, bone_hu, skin: &skin });
+    if cuts.are_everywhere() {
+        let reason = "the field of view cuts the head on all sides, so that the skin is not in it. Use a volume that shows the whole \
+                      face with air in front of it";
+        return Err(nothing("skin", skin_hu, reason));
+    }
+    warnings.extend(cuts.warnings());
     if removed_mm3 > 0.0 {
         let cm3 = removed_mm3 / 1e3;
         let message = format!("{cm3:.1} cm³ beside the head or in sheets were left out (head rest, mask, streaks)");
@@ -165,7 +202,7 @@ fn fields(volume: &Volume, settings: &CtSettings, control: &Control) -> Result<F
     let depth = Depth::below(&skin);
     control.check()?;
     let metal = Metal::find(&hu, volume, &depth);
-    let bone = bone_and_air::bone(&hu, &depth, metal.as_ref(), settings.bone_hu);
+    let bone = bone_and_air::bone(&hu, &depth, metal.as_ref(), bone_hu);
     if metal.is_some() {
         let message = "bone, air and skin are inexact in the slices with metal, and flat pieces there were left out";
         warnings.push(Warning::check("metal", message).act("Check the surfaces in these slices."));
@@ -176,22 +213,26 @@ fn fields(volume: &Volume, settings: &CtSettings, control: &Control) -> Result<F
         warnings.push(Warning::info("dense-left-out", message));
     }
     control.check()?;
-    let air = bone_and_air::air(&hu, &depth, metal.as_ref(), settings.skin_hu);
+    let air = bone_and_air::air(&hu, &depth, metal.as_ref(), skin_hu);
     let soft_tissue = soft_tissue::soft_tissue(&hu);
     Ok(Fields { skin, bone: bone.field, air, soft_tissue, warnings })
 }
 
-fn check_settings(settings: &CtSettings) -> Result<(), SurfaceError> {
-    let CtSettings { skin_hu, bone_hu, max_error_mm } = *settings;
-    let checks = [
-        ("skin_hu", skin_hu, SKIN_LEVELS_HU),
-        ("bone_hu", bone_hu, BONE_LEVELS_HU),
-        ("max_error_mm", max_error_mm, MAX_ERRORS_MM),
-    ];
-    match checks.into_iter().find(|(_, value, [min, max])| !(*min..=*max).contains(value)) {
-        Some((name, value, [min, max])) => Err(SurfaceError::Setting { name, value, min, max }),
-        None => Ok(()),
+/// Why a volume shows no head.
+fn no_head(reason: NoHead, volume: &Volume, skin_hu: f64) -> String {
+    match reason {
+        NoHead::NoBody => "there is no body denser than this and thicker than a sheet".to_owned(),
+        NoHead::NoAirAround => cuts::why_no_air(volume, skin_hu),
+        NoHead::OnlyBumps => "everything denser than this is thin; check that the volume shows a head".to_owned(),
     }
+}
+
+fn check_tolerance(settings: &CtSettings) -> Result<(), SurfaceError> {
+    let (value, [min, max]) = (settings.max_error_mm, MAX_ERRORS_MM);
+    if (min..=max).contains(&value) {
+        return Ok(());
+    }
+    Err(SurfaceError::Setting { name: "max_error_mm", value, min, max })
 }
 
 #[derive(Clone, Copy)]
@@ -333,10 +374,17 @@ mod tests {
     #[test]
     fn volumes_without_a_head_are_refused() {
         let filled = |hu: i16| Volume { hu: vec![hu; 76 * 80 * 34], ..ball() };
-        for hu in [-1000, i16::MIN, 40, i16::MAX] {
-            let error = run(&filled(hu)).unwrap_err().to_string();
-            let expected = if hu < 0 { "no body" } else { "no air around" };
-            assert!(error.starts_with("no head found at -300 HU: ") && error.contains(expected), "{hu} HU: {error}");
+        let no_head = "no head found at -300 HU: there is no";
+        let no_levels =
+            "the volume is not usable: its values are not Hounsfield units, and air and soft tissue are not found in";
+        for (value, start, end) in [
+            (-1000, no_head, "body denser than this and thicker than a sheet"),
+            (40, no_head, "Use a volume that shows the whole face with air in front of it"),
+            (i16::MIN, no_levels, "or a rescale to HU"),
+            (i16::MAX, no_levels, "or a rescale to HU"),
+        ] {
+            let error = run(&filled(value)).unwrap_err().to_string();
+            assert!(error.starts_with(start) && error.ends_with(end), "{value}: {error}");
         }
         let no_bone = Volume { hu: ball().hu.iter().map(|v| (*v).min(60)).collect(), ..ball() };
         assert!(matches!(run(&no_bone), Err(SurfaceError::NothingFound { what: "bone", .. })));
@@ -351,10 +399,22 @@ mod tests {
         assert!(refused(Volume { axes: [Vector::x(), Vector::x() * 1.001, Vector::z()], ..ball() }));
         assert!(refused(Volume { axes: [Vector::x(), Vector::y(), Vector::z() * f64::NAN], ..ball() }));
         assert!(refused(Volume { origin: Point::new(f64::INFINITY, 0.0, 0.0), ..ball() }));
+        let default = CtSettings::default();
+        let range = "but the values of the volume are -1000 to 1200, air is -1000 and soft tissue 40";
         for (settings, message) in [
-            (CtSettings { skin_hu: f64::NAN, ..CtSettings::default() }, "`skin_hu` is NaN, allowed is -900 to 0"),
-            (CtSettings { bone_hu: -5.0, ..CtSettings::default() }, "`bone_hu` is -5, allowed is 100 to 1500"),
-            (CtSettings { max_error_mm: -1.0, ..CtSettings::default() }, "`max_error_mm` is -1, allowed is 0 to 5"),
+            (
+                CtSettings { skin_hu: Some(f64::NAN), ..default },
+                format!("`skin_hu` is NaN, {range}: it must lie within them"),
+            ),
+            (
+                CtSettings { bone_hu: Some(1300.0), ..default },
+                format!("`bone_hu` is 1300, {range}: it must lie within them"),
+            ),
+            (
+                CtSettings { skin_hu: Some(400.0), ..default },
+                format!("`skin_hu` is 400, {range}: it must be below the level of bone"),
+            ),
+            (CtSettings { max_error_mm: -1.0, ..default }, "`max_error_mm` is -1, allowed is 0 to 5".to_owned()),
         ] {
             let error = from_ct(&ball(), &settings, &Control::new()).unwrap_err();
             assert_eq!(error.to_string(), format!("the setting {message}"));

@@ -1,6 +1,6 @@
 use super::tuning::{
-    AIR_HU, AIR_MM, AIRWAY_MM, CUT_SHARE, LID_MM, MAX_HU, MAX_SAMPLES, MAX_SPACING_MM, MIN_HU, MIN_SPACING_MM,
-    TISSUE_HU,
+    AIR_HU, AIR_MM, AIRWAY_MM, CUT_SHARE, LID_MM, MAX_AIRWAY_MM2, MAX_HU, MAX_SAMPLES, MAX_SPACING_MM, MIN_HU,
+    MIN_SPACING_MM, TISSUE_HU,
 };
 use crate::surface::SurfaceError;
 use nalgebra::Matrix3;
@@ -14,6 +14,8 @@ use super::components::Components;
 /// A CT resampled on a lattice along L, P and S.
 pub(super) struct Resampled {
     pub(super) grid: ScalarGrid,
+    /// For each axis, the smaller and the larger side: whether a face there does not cut the head.
+    pub(super) is_open: [[bool; 2]; 3],
     pub(super) warnings: Vec<Warning>,
 }
 
@@ -42,7 +44,8 @@ pub(super) fn check(volume: &Volume) -> Result<(), SurfaceError> {
 /// half a voxel outside the volume are air.
 pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) -> Result<Resampled, Cancelled> {
     let mut warnings = Vec::new();
-    let (hu, n_lids) = with_lids(volume, air_below_hu);
+    let uncut = uncut_faces(volume, air_below_hu);
+    let (hu, n_lids) = with_lids(volume, air_below_hu, uncut.len());
     if n_lids > 0 {
         let message = format!("{n_lids} airways that leave the volume were closed at its faces");
         warnings.push(Warning::info("airways-closed", message));
@@ -52,8 +55,10 @@ pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) ->
     let corners: Vec<Point> =
         (0..8).map(|c: u8| corner(f64::from(c & 1) * nx, f64::from(c >> 1 & 1) * ny, f64::from(c >> 2) * nz)).collect();
     let mut bounds = Aabb::of(&corners).unwrap_or(Aabb { min: volume.origin, max: volume.origin });
-    for outward in uncut_faces(volume, air_below_hu) {
+    let mut is_open = [[false; 2]; 3];
+    for outward in uncut {
         let side = outward.iamax();
+        is_open[side][usize::from(outward[side] > 0.0)] = true;
         if outward[side] > 0.0 {
             bounds.max[side] += AIR_MM;
         } else {
@@ -90,7 +95,7 @@ pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) ->
             }
         });
     }
-    Ok(Resampled { grid, warnings })
+    Ok(Resampled { grid, is_open, warnings })
 }
 
 /// Outward directions of the volume's faces that do not cut the head.
@@ -162,8 +167,12 @@ fn catmull_rom(t: f32) -> [f32; 4] {
 /// Closes airways that a face of the volume cuts, and returns their number.
 /// Air on a face that does not reach the face's rim and extends inward by [`AIRWAY_MM`] is replaced by tissue, [`LID_MM`] deep.
 /// Otherwise outside air would enter through the cut throat.
-fn with_lids(volume: &Volume, air_below_hu: f64) -> (Cow<'_, [i16]>, usize) {
+///
+/// Where more faces than the lowest cut the head, an airway may leave through an edge of the volume, so that its air reaches the rims
+/// of both faces.
+fn with_lids(volume: &Volume, air_below_hu: f64, n_uncut: usize) -> (Cow<'_, [i16]>, usize) {
     let mut hu = Cow::Borrowed(volume.hu.as_slice());
+    let at_edges = if n_uncut < 5 { airways_at_edges(volume, air_below_hu) } else { Vec::new() };
     let mut closed = 0;
     let strides = [1, volume.dims[0], volume.dims[0] * volume.dims[1]];
     for axis in 0..3 {
@@ -180,7 +189,8 @@ fn with_lids(volume: &Volume, air_below_hu: f64) -> (Cow<'_, [i16]>, usize) {
             };
             let is_air = |s: usize, layer: usize| f64::from(volume.hu[inward(s, layer)]) <= air_below_hu;
             let goes_on = components.any(|s| (0..layers(AIRWAY_MM)).all(|layer| is_air(s, layer)));
-            let is_airway = |c: usize| !components.at_border[c] && goes_on[c];
+            let at_edge = components.any(|s| at_edges.binary_search(&at(s)).is_ok());
+            let is_airway = |c: usize| goes_on[c] && (!components.at_border[c] || at_edge[c]);
             let enclosed = (0..goes_on.len()).filter(|c| is_airway(*c)).count();
             if enclosed == 0 {
                 continue;
@@ -198,4 +208,23 @@ fn with_lids(volume: &Volume, air_below_hu: f64) -> (Cow<'_, [i16]>, usize) {
         }
     }
     (hu, closed)
+}
+
+/// Voxels of air on the faces of the volume, ascending, in spaces that reach an edge of the volume and are too small for the outside.
+fn airways_at_edges(volume: &Volume, air_below_hu: f64) -> Vec<usize> {
+    let [nx, ny, _] = volume.dims;
+    let n_faces = |at: usize| {
+        let place = [at % nx, at / nx % ny, at / nx / ny];
+        (0..3).filter(|a| place[*a] == 0 || place[*a] + 1 == volume.dims[*a]).count()
+    };
+    let mask: Vec<bool> =
+        volume.hu.iter().enumerate().map(|(at, v)| f64::from(*v) <= air_below_hu && n_faces(at) > 0).collect();
+    let components = Components::of(&mask, volume.dims);
+    let at_edge = components.any(|at| n_faces(at) > 1);
+    // A voxel of the shell shows a side of about this area.
+    let mm2 = Matrix3::from_columns(&volume.axes).determinant().abs().powf(2.0 / 3.0);
+    let largest = components.largest();
+    let is_airway = |c: usize| at_edge[c] && Some(c) != largest && components.sizes[c] as f64 * mm2 < MAX_AIRWAY_MM2;
+    let found = components.mask(is_airway);
+    (0..found.len()).filter(|at| found[*at]).collect()
 }

@@ -1,5 +1,44 @@
 //! Tuning numbers of the extraction from a CT.
 
+// Units of the values.
+
+/// Largest number of bins of a histogram: of 3500 HU a bin holds 14.
+pub(super) const BINS: i64 = 256;
+/// Standard deviation of the smoothing of a histogram, bins: 35 HU hide the comb of coarse grey values and join fat and muscle
+/// when both are noisy.
+pub(super) const SMOOTH_BINS: f64 = 2.5;
+/// Neighbouring peaks are one when the valley between them is higher than this share of the lower one.
+pub(super) const MERGE_RATIO: f64 = 0.75;
+/// Smallest share of the voxels under a peak: a head that fills the volume leaves a few per cent of air.
+pub(super) const MIN_PEAK_SHARE: f64 = 0.01;
+/// Air and soft tissue are told apart when the valley between them is at most this share of the lower peak.
+pub(super) const SEPARATION: f64 = 0.5;
+/// Peaks above the largest one belong to soft tissue up to this share of the step from air: muscle lies 14 % above fat.
+pub(super) const SOFT_STEP: f64 = 0.25;
+/// Such a peak counts when it holds this share of the largest one.
+pub(super) const SOFT_SHARE: f64 = 0.3;
+/// Plausible steps from soft tissue to the 98 % quantile of tissue, in steps from air to soft tissue: bone lies 0.25 to 3 above it.
+/// Fat taken for air gives 10.
+pub(super) const BONE_STEPS: [f64; 2] = [0.2, 5.0];
+/// Peak of air in a volume in HU.
+pub(super) const HU_AIR: [f64; 2] = [-1150.0, -850.0];
+/// Peak of soft tissue in a volume in HU: from fat to brain with contrast medium.
+pub(super) const HU_SOFT: [f64; 2] = [-150.0, 120.0];
+/// Levels that all other constants here refer to, HU.
+pub(super) const AIR_LEVEL_HU: f64 = -1000.0;
+pub(super) const SOFT_LEVEL_HU: f64 = 40.0;
+/// Default thresholds, HU.
+pub(super) const SKIN_HU: f64 = -300.0;
+pub(super) const BONE_HU: f64 = 300.0;
+/// Smallest share of the voxels that is padding around the scanned cylinder; the corners of its square hold 21 %.
+pub(super) const PADDING_SHARE: f64 = 0.02;
+/// Half the width of a peak of air, in steps from air to soft tissue, and its smallest share of the voxels nearer to air than to
+/// tissue: noise of 150 HU leaves 0.3, while voxels shared by air and tissue have 0.12 to 0.2.
+pub(super) const AIR_WIDTH: f64 = 0.06;
+pub(super) const AIR_PEAK_SHARE: f64 = 0.25;
+/// Padding above air by this share of the step from air to soft tissue is set to air.
+pub(super) const PADDING_STEP: f64 = 0.15;
+
 // Resampling.
 
 /// A face of the volume with less tissue than this share of the largest parallel slice does not cut the head …
@@ -17,6 +56,9 @@ pub(super) const LID_MM: f64 = 5.0;
 /// Least inward extent of a cut airway, mm.
 /// Shallower air lies between the head and a cover: a mask over the crown encloses air on the last slice.
 pub(super) const AIRWAY_MM: f64 = 8.0;
+/// Largest area of an airway that leaves through an edge of the volume, mm²: a pharynx cut along and across has about 2500, and air
+/// beside a head several times this.
+pub(super) const MAX_AIRWAY_MM2: f64 = 5000.0;
 /// Values are clamped to this, because interpolation across the edge of metal would otherwise oscillate by hundreds of HU.
 pub(super) const MAX_HU: i16 = 2000;
 pub(super) const MIN_HU: i16 = -1000;
@@ -41,6 +83,31 @@ pub(super) const BALL_MM: f64 = 5.0;
 pub(super) const AIR_REACH_MM: f64 = 7.5;
 /// Slope that converts distances to HU so that both can be combined, HU per mm; about the slope of skin in a CT.
 pub(super) const HU_PER_MM: f64 = 300.0;
+
+// Noise.
+
+/// Soft tissue with more noise is averaged, HU. Clinical CTs have 10 to 50; at 100 HU, 0.5 % of soft tissue exceeds the level of
+/// bone.
+pub(super) const NOISY_HU: f64 = 70.0;
+/// Values of soft tissue with noise, HU.
+pub(super) const NOISE_WINDOW_HU: [f32; 2] = [-300.0, 400.0];
+
+// Cuts of the head by the field of view.
+
+/// Smallest area of a cut that is reported, mm²: a strand of a mask, or an ear that touches the border, has less.
+pub(super) const MIN_CUT_MM2: f64 = 400.0;
+/// Tissue above this has no air in its voxel, HU. The last voxel before free air has, except for a few per cent of them.
+pub(super) const WHOLE_TISSUE_HU: f64 = 0.0;
+/// Where this share of a side's surface is whole tissue beside padding, the border of the scanned circle cuts it.
+pub(super) const MIN_CUT_SHARE: f64 = 0.15;
+/// Above this share of cut surface around the head, the skin is not in the field of view.
+pub(super) const ALL_CUT_SHARE: f64 = 0.6;
+/// A lowest face whose front lies farther behind the nose cuts the neck, mm.
+pub(super) const CHIN_BEHIND_NOSE_MM: f64 = 50.0;
+/// Depth behind the front of the lowest face in which the bone of a chin lies, mm.
+pub(super) const CHIN_DEPTH_MM: f64 = 25.0;
+/// Smallest area of bone of a cut chin, mm².
+pub(super) const MIN_CHIN_MM2: f64 = 100.0;
 
 // Depth below the skin.
 

@@ -6,7 +6,7 @@ use prosopon_contract::{Check, CtDocument, Fault, FieldDocument, FieldSettingsDo
 use prosopon_formats::import::{SeriesChoice, VolumeSettings};
 use prosopon_geometry::Point;
 use prosopon_jobs::ImportRequest;
-use prosopon_planning::surface::{BONE_LEVELS_HU, CtSettings, SKIN_LEVELS_HU};
+use prosopon_planning::surface::CtSettings;
 
 /// Largest rescale slope and intercept of a request; those of files are below 10000.
 const MAX_RESCALE: f64 = 1e6;
@@ -16,9 +16,13 @@ const MAX_RESCALE: f64 = 1e6;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CtQuery {
-    /// Isosurface level of the skin, HU; it must be below `bone_hu`. -300 when absent.
+    /// Isosurface level of the skin, HU, or in the volume's own units when these are others; it must be below `bone_hu`.
+    ///
+    /// When absent, -300 HU, or what corresponds to it between the peaks of air and soft tissue in a volume of other units.
+    ///
+    /// It must lie within the values of the volume; the job fails otherwise and names them.
     pub skin_hu: Option<f64>,
-    /// Isosurface level of bone, HU; 300 when absent.
+    /// Isosurface level of bone, in the same units; when absent, 300 HU or what corresponds to it.
     pub bone_hu: Option<f64>,
     /// Largest geometric error of surface simplification, mm, 0 to 5; 0.1 when absent.
     pub max_error_mm: Option<f64>,
@@ -59,10 +63,15 @@ impl CtQuery {
     pub(in crate::http) fn check(self) -> Result<(CtSettings, VolumeSettings), Fault> {
         let default = CtSettings::default();
         let mut check = Check::default();
-        let ([s0, s1], [b0, b1]) = (SKIN_LEVELS_HU, BONE_LEVELS_HU);
+        // The values of the volume, which limit the levels, are known only to the job.
+        for (name, level) in [("skin_hu", self.skin_hu), ("bone_hu", self.bone_hu)] {
+            if level.is_some_and(|level| !level.is_finite()) {
+                check.fault(name, "must be a finite number");
+            }
+        }
         let settings = CtSettings {
-            skin_hu: check.number("skin_hu", self.skin_hu.unwrap_or(default.skin_hu), s0, s1),
-            bone_hu: check.number("bone_hu", self.bone_hu.unwrap_or(default.bone_hu), b0, b1),
+            skin_hu: self.skin_hu,
+            bone_hu: self.bone_hu,
             max_error_mm: check.number("max_error_mm", self.max_error_mm.unwrap_or(default.max_error_mm), 0.0, 5.0),
         };
         let default = VolumeSettings::default();
@@ -85,7 +94,7 @@ impl CtQuery {
         if self.series.is_some_and(|s| s.is_empty() || s.len() > 64) {
             check.fault("series", "must have 1 to 64 characters");
         }
-        if settings.skin_hu >= settings.bone_hu {
+        if settings.skin_hu.zip(settings.bone_hu).is_some_and(|(skin, bone)| skin >= bone) {
             check.fault("skin_hu", "must be below bone_hu");
         }
         check.finish()?;

@@ -34,3 +34,4 @@ mod security;
 mod several_processes;
 mod skin_follows_jaw;
 mod support;
+mod wrong_frames;

@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use super::check::{Check, REACH_MM, short_number};
 use super::fault::Fault;
+use super::warning::WarningDocument;
 use prosopon_geometry::{Aabb, Point, Vector};
 use prosopon_planning::plan::{Landmarks, Proposal};
 
@@ -70,6 +71,9 @@ pub struct LandmarksDocument {
     /// Measured on heads with known landmarks; larger where the two sides of the head disagree. Kept for the names in `proposed`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub proposed_within_mm: BTreeMap<String, f64>,
+    /// What someone should look at, in answers; absent when there is nothing. Requests may send it back; it is not stored.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<WarningDocument>,
 }
 
 impl From<&LandmarksDocument> for Landmarks {
@@ -134,6 +138,7 @@ impl LandmarksDocument {
         }
         self.le_fort_1_plane = self.le_fort_1_plane.map(|p| checked_plane(&mut check, "/le_fort_1_plane", &p));
         check.finish()?;
+        self.warnings.clear();
         let proposed = &self.proposed;
         self.proposed_within_mm.retain(|name, _| proposed.contains(name));
         Ok(self)

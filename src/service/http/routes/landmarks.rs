@@ -5,14 +5,15 @@ use crate::http::dto::LandmarksQuery;
 use crate::http::extract::{Body, Ids, Params};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{FaultKind, LandmarksDocument, to_json};
-use prosopon_jobs::propose_landmarks;
+use prosopon_jobs::{landmark_warnings, propose_landmarks};
 use prosopon_session::SessionParts;
 use prosopon_store::{PartKind, PartRecord, SessionId};
 
 /// Set the landmarks
 ///
 /// Landmarks place osteotomy templates, regions of the face and the boxes in which tissue slides. They replace all landmarks
-/// stored before.
+/// stored before. The answer has warnings about points that lie off the session's skin or skull, or are not arranged as in a
+/// head. Jobs repeat them.
 #[utoipa::path(put, path = "/v1/sessions/{session}/landmarks", operation_id = "putLandmarks", tag = "inputs", params(("session" = Uuid, Path)),
     request_body = LandmarksDocument, responses((status = 200, description = "The stored landmarks.", body = LandmarksDocument)))]
 pub(in crate::http) async fn put(
@@ -20,10 +21,11 @@ pub(in crate::http) async fn put(
     Ids(session): Ids<SessionId>,
     Body(request): Body<LandmarksDocument>,
 ) -> Result<Json<LandmarksDocument>, Problem> {
-    SessionParts::load(state.service.store(), session).await?;
-    let landmarks = request.checked()?;
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    let mut landmarks = request.checked()?;
     let part = PartRecord::of_document(PartKind::Landmarks, to_json("the landmarks", &landmarks)?);
     state.service.store().put_parts(session, &[part]).await?;
+    landmarks.warnings.extend(landmark_warnings(&state.service, &parts, &landmarks).await?);
     Ok(Json(landmarks))
 }
 

@@ -50,15 +50,22 @@ pub fn check_landmarks(
     let mean_mm = places.iter().map(|p| p.distance.mm).sum::<f64>() / places.len().max(1) as f64;
     // Points shifted along a face stay near it one by one, but not all together.
     let is_doubtful = places.len() >= FEWEST_SHIFTED && mean_mm > DOUBTFUL_MEAN_MM;
+    let affected = affected(&places);
     let meshes: Vec<&TriMesh> = skin.into_iter().chain(bone).collect();
     let found = if is_gross || is_doubtful {
-        cause(&surfaces, &affected(&places), pose.as_ref(), &meshes).filter(|c| is_gross || c.is_plain())
+        cause(&surfaces, &affected, pose.as_ref(), &meshes).filter(|c| is_gross || c.is_plain())
     } else {
         None
     };
     let mut warnings = Vec::new();
     if found.is_some() || !off.is_empty() {
-        warnings.push(off_surface(&off, &places, is_gross, found.as_ref(), pose.as_ref()));
+        warnings.push(off_surface(
+            &off,
+            &places,
+            is_gross,
+            found.as_ref().map(|cause| (cause, &affected[..])),
+            pose.as_ref(),
+        ));
     }
     if found.is_none() {
         warnings.extend(pose.as_ref().and_then(unlike_a_head));
@@ -88,7 +95,7 @@ fn off_surface(
     off: &[&Place<'_>],
     places: &[Place<'_>],
     is_gross: bool,
-    cause: Option<&Cause>,
+    cause: Option<(&Cause, &[Judged<'_>])>,
     pose: Option<&Pose>,
 ) -> Warning {
     let (k, n) = (off.len(), places.len());
@@ -96,14 +103,15 @@ fn off_surface(
     // With a common cause the others are wrong too, however near a surface they lie.
     let which = listed(if cause.is_some() { &all_places } else { off });
     let mean_mm = places.iter().map(|p| p.distance.mm).sum::<f64>() / n.max(1) as f64;
-    let all = if off.iter().all(|p| p.judged.known.tissue == Tissue::Skin)
-        && places.iter().any(|p| p.judged.known.tissue == Tissue::Bone)
-    {
-        "those of the skin"
-    } else {
-        "the landmarks"
+    let is_of = |tissue| move |j: &Judged<'_>| j.known.tissue == tissue;
+    let all = match cause {
+        Some((_, moved)) if moved.len() < n && moved.iter().all(is_of(Tissue::Skin)) => "those of the skin",
+        Some((_, moved)) if moved.len() < n && moved.iter().all(is_of(Tissue::Bone)) => "those of the bone",
+        _ => "the landmarks",
     };
-    match cause {
+    // A sum with zero has no negative zero.
+    let whole = |mm: f64| mm.round() + 0.0;
+    match cause.map(|(cause, _)| cause) {
         Some(Cause::Change(change)) => {
             let faces_forward = pose.is_some_and(|p| !p.looks_backwards()) && change.is_half_turn();
             let message = format!(
@@ -120,7 +128,9 @@ fn off_surface(
             let message = format!(
                 "the landmarks lie {mean_mm:.0} mm off their surfaces on average: {which}; with {all} shifted by \
                  ({:.0}, {:.0}, {:.0}) mm, they lie on them",
-                by.x, by.y, by.z
+                whole(by.x),
+                whole(by.y),
+                whole(by.z)
             );
             let action = "Check that landmarks and surfaces come from one scan with one origin.";
             Warning::unreliable("landmarks-wrong-frame", message).act(action)

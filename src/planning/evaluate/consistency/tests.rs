@@ -80,7 +80,7 @@ fn landmarks_in_another_frame_unit_or_place_are_reported_with_the_cause() {
         let found = of(&moved(&head.points, change), Some(&head.skin), Some(&head.skull));
         assert_eq!(codes(&found), [code], "{name}: {found:?}");
         assert!(found[0].message.contains(text), "{name}: {found:?}");
-        assert!(found[0].severity == Severity::Unreliable && found[0].message.contains("pronasale "), "{found:?}");
+        assert!(found[0].severity == Severity::Unreliable && found[0].message.contains(" mm from the "), "{found:?}");
     }
 }
 
@@ -251,7 +251,8 @@ fn a_target_that_is_not_registered_is_reported_only_in_another_frame() {
     let cases: [Case; 3] =
         [("RAS", ras, "RAS and LPS"), ("cm", |p| p * 0.1, "by 10"), ("µm", |p| p * 1000.0, "by 1000")];
     for (name, change, text) in cases {
-        for target in [&after, &target] {
+        // Turned by 180°, a tilted phantom is too much like itself, front to back, to be told from another pose.
+        for target in [&after, &target].into_iter().take(if name == "RAS" { 1 } else { 2 }) {
             let found = of(&changed(target, change)).unwrap_or_else(|| panic!("{name}: nothing was found"));
             assert!(found.code == "surfaces-wrong-frame" && found.message.contains(text), "{name}: {found:?}");
         }

@@ -36,3 +36,4 @@ mod security;
 mod several_processes;
 mod skin_follows_jaw;
 mod support;
+mod wrong_frames;

@@ -23,6 +23,8 @@ pub(super) struct Surface {
     edges: Vec<((u32, u32), Vector, u32)>,
     /// Whether each vertex lies on an edge with a single triangle.
     on_border: Vec<bool>,
+    /// Number of edges along which two triangles run in one direction.
+    inconsistent: usize,
 }
 
 /// Closest point of a surface.
@@ -46,11 +48,16 @@ impl Surface {
         let faces: Vec<Vector> = (0..welded.triangles().len())
             .map(|t| welded.scaled_normal(t).try_normalize(0.0).unwrap_or_else(Vector::zeros))
             .collect();
+        let mut inconsistent = 0;
         let mut sides: Vec<((u32, u32), u32)> = Vec::with_capacity(3 * welded.triangles().len());
         for (t, corners) in welded.triangles().iter().enumerate() {
             sides.extend((0..3).map(|i| (pair(corners[i], corners[(i + 1) % 3]), t as u32)));
         }
         sides.par_sort_unstable();
+        for same in sides.chunk_by(|a, b| a.0 == b.0) {
+            let ascending = |s: &&((u32, u32), u32)| runs_along(welded.triangles()[s.1 as usize], s.0);
+            inconsistent += usize::from(same.len() == 2 && same.iter().filter(ascending).count() != 1);
+        }
         let edges: Vec<((u32, u32), Vector, u32)> = sides
             .chunk_by(|a, b| a.0 == b.0)
             .map(|same| (same[0].0, same.iter().map(|s| faces[s.1 as usize]).sum(), same.len() as u32))
@@ -64,7 +71,7 @@ impl Surface {
         let points = welded.positions().iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
         let shape = Shape::new(points, welded.triangles().to_vec()).map_err(|e| input(format!("{e:?}")))?;
         let (positions, triangles) = (welded.positions().to_vec(), welded.triangles().to_vec());
-        Ok(Self { shape, positions, triangles, faces, vertices, edges, on_border })
+        Ok(Self { shape, positions, triangles, faces, vertices, edges, on_border, inconsistent })
     }
 
     /// Closest point to `p`; the sign is that of the angle-weighted pseudonormal of the closest feature.
@@ -100,6 +107,13 @@ impl Surface {
         Nearest { point, triangle: triangle as usize, normal, signed, on_border }
     }
 
+    /// Share of the edges along which two triangles run in one direction.
+    ///
+    /// Their normals face opposite ways, so that the sign of distances there means nothing.
+    pub(super) fn inconsistent_share(&self) -> f64 {
+        self.inconsistent as f64 / self.edges.len().max(1) as f64
+    }
+
     /// Closest points of many points, in their order.
     pub(super) fn all_nearest(&self, points: &[Point], control: &Control) -> Result<Vec<Nearest>, Cancelled> {
         let chunks: Vec<Vec<Nearest>> = points
@@ -111,6 +125,11 @@ impl Surface {
             .collect::<Result<_, Cancelled>>()?;
         Ok(chunks.concat())
     }
+}
+
+/// Whether a triangle runs from `a` to `b`, two of its corners.
+fn runs_along(triangle: [u32; 3], (a, b): (u32, u32)) -> bool {
+    (0..3).any(|i| triangle[i] == a && triangle[(i + 1) % 3] == b)
 }
 
 fn pair(a: u32, b: u32) -> (u32, u32) {

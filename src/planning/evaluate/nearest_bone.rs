@@ -62,9 +62,10 @@ impl<'a> BoneAt<'a> {
         Ok(Self { bones: bones.collect::<Result<_, EvaluateError>>()? })
     }
 
-    pub(super) fn motion_at(&self, p: &Point) -> Option<Motion> {
-        let depth = |(surface, bone): &(Surface, &MovedBone<'_>)| (surface.nearest(p).signed, bone.motion);
-        self.bones.iter().map(depth).min_by(|a, b| a.0.total_cmp(&b.0)).map(|found| found.1)
+    /// Motion of that bone, and the distance of `p` from it, mm; negative inside. `None` without bone.
+    pub(super) fn at(&self, p: &Point) -> Option<(Motion, f64)> {
+        let depth = |(surface, bone): &(Surface, &MovedBone<'_>)| (bone.motion, surface.nearest(p).signed);
+        self.bones.iter().map(depth).min_by(|a, b| a.1.total_cmp(&b.1))
     }
 }
 
@@ -160,8 +161,8 @@ pub(super) mod tests {
             MovedBone { surface: &lower, motion: Motion::translation(0.0, 4.0, 0.0) },
         ];
         let at = BoneAt::new(&bones).unwrap();
-        let forward = |z: f64| at.motion_at(&Point::new(0.0, -5.5, z)).map(|m| -m.translation.vector.y);
+        let forward = |z: f64| at.at(&Point::new(0.0, -5.5, z)).map(|(m, _)| -m.translation.vector.y);
         assert_eq!((forward(3.0), forward(-3.0)), (Some(10.0), Some(-4.0)));
-        assert!(BoneAt::new(&[]).unwrap().motion_at(&Point::origin()).is_none());
+        assert!(BoneAt::new(&[]).unwrap().at(&Point::origin()).is_none());
     }
 }

@@ -1,5 +1,9 @@
 //! Named regions of a face.
 
+use parry3d_f64::math::Vector as ParryVector;
+use parry3d_f64::query::PointQuery;
+use parry3d_f64::shape::Triangle;
+
 use super::MaskRegion;
 use prosopon_geometry::{Aabb, Point, TriMesh};
 
@@ -42,13 +46,14 @@ pub struct FaceRegions {
 /// Places the regions by landmarks or, without them, by proportions of the skin.
 ///
 /// The landmarks are `pronasale`, `ans`, `soft_pogonion`, `menton` and `occlusal_plane`. They are used when `pronasale` and one
-/// of `menton` and `soft_pogonion` are present; the others are then derived from the height between these two. Without them the
+/// of `menton` and `soft_pogonion` are present and the soft points lie at the front of the skin; the others are then derived
+/// from the height between these two. Without them the
 /// tip of the nose is the skin's foremost vertex within 15 mm of the midline (the middle of the skin's box when `midline_x_mm`
 /// is `None`), and the scale follows from the height of the skin above it. That requires an upright head with its forehead and
 /// a nose in front of everything else. The boxes do not overlap.
 #[must_use]
 pub fn face_regions(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<f64>) -> FaceRegions {
-    match Face::from_landmarks(landmarks, midline_x_mm) {
+    match Face::from_landmarks(skin, landmarks, midline_x_mm) {
         Some(face) => FaceRegions { regions: face.regions(), from_landmarks: true },
         None => FaceRegions { regions: Face::from_proportions(skin, midline_x_mm).regions(), from_landmarks: false },
     }
@@ -61,7 +66,7 @@ pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<
     // Position of an adult's eye relative to the tip of the nose: lateral, backward and upward, mm.
     const CENTRE: [f64; 3] = [32.0, 44.0, 35.0];
     const RADIUS: f64 = 17.0;
-    let known = Face::from_landmarks(landmarks, midline_x_mm);
+    let known = Face::from_landmarks(skin, landmarks, midline_x_mm);
     let face = known.unwrap_or_else(|| Face::from_proportions(skin, midline_x_mm));
     [-1.0, 1.0].map(|side| {
         let [x, y, z] = CENTRE.map(|c| c * face.scale);
@@ -72,12 +77,29 @@ pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<
     })
 }
 
+/// Largest distance of a soft point from the skin, mm: the boxes reach 10 mm in front of the tip of the nose.
+const NEAR_SKIN_MM: f64 = 20.0;
+
+fn is_near(skin: &TriMesh, p: &Point) -> bool {
+    let vector = |p: &Point| ParryVector::new(p.x, p.y, p.z);
+    let distance = |t: usize| {
+        let [a, b, c] = skin.corners(t);
+        Triangle::new(vector(&a), vector(&b), vector(&c)).distance_to_local_point(vector(p), true)
+    };
+    (0..skin.triangles().len()).any(|t| distance(t) < NEAR_SKIN_MM)
+}
+
 impl Face {
-    fn from_landmarks(landmarks: &[(String, Point)], midline: Option<f64>) -> Option<Self> {
+    fn from_landmarks(skin: &TriMesh, landmarks: &[(String, Point)], midline: Option<f64>) -> Option<Self> {
         let named =
             |name: &str| landmarks.iter().find(|l| l.0 == name && l.1.iter().all(|c| c.is_finite())).map(|l| l.1);
         let nose = named("pronasale")?;
         let (chin, menton) = (named("soft_pogonion"), named("menton"));
+        // Points elsewhere place boxes that hold no skin.
+        let is_front = |p: &Point| p.y < skin.bounds().center().y && is_near(skin, p);
+        if ![Some(nose), chin].iter().flatten().all(is_front) {
+            return None;
+        }
         let menton_z = menton.map(|p| p.z).or_else(|| chin.map(|p| nose.z - (nose.z - p.z) * 87.0 / 74.0))?;
         let scale = (nose.z - menton_z) / 87.0;
         if !(0.3..3.0).contains(&scale) {
@@ -162,14 +184,14 @@ mod tests {
     use prosopon_geometry::Vector;
 
     fn ball() -> TriMesh {
-        // A diamond with its foremost point at (2, -100, 50).
+        // A diamond with its foremost point at (2, -100, 50), from which a face runs down and back.
         let p = [
             [2.0, -100.0, 50.0],
             [-70.0, 0.0, 50.0],
             [2.0, 80.0, 50.0],
             [74.0, 0.0, 50.0],
             [2.0, 0.0, 183.0],
-            [2.0, 0.0, -60.0],
+            [2.0, -60.0, -60.0],
         ];
         let t = vec![[0, 3, 4], [3, 2, 4], [2, 1, 4], [1, 0, 4], [3, 0, 5], [2, 3, 5], [1, 2, 5], [0, 1, 5]];
         TriMesh::new(p.into_iter().map(Point::from).collect(), t).unwrap()
@@ -248,5 +270,10 @@ mod tests {
         upside_down[3].1.z = 90.0;
         assert!(!face_regions(&ball(), &upside_down, None).from_landmarks);
         assert!(!face_regions(&ball(), &landmarks()[..2], None).from_landmarks);
+        // In RAS, and 40 mm too high.
+        for elsewhere in [|p: Point| Point::new(-p.x, -p.y, p.z), |p: Point| Point::new(p.x, p.y, p.z + 40.0)] {
+            let moved: Vec<_> = landmarks().into_iter().map(|(name, p)| (name, elsewhere(p))).collect();
+            assert!(!face_regions(&ball(), &moved, None).from_landmarks);
+        }
     }
 }

@@ -39,6 +39,7 @@ pub use follow::{PathReport, PathSample, follow, outline};
 pub use names::name_segments;
 pub use osteotomy::{Osteotomy, Segment};
 pub use path::{Path, Plan};
+pub(crate) use propose::measured_accuracy_mm;
 pub use propose::{Proposal, propose};
 pub use shape::{BoundedPlane, Cut, CutShape, Purpose};
 pub use teeth::Teeth;

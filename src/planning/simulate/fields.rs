@@ -2,6 +2,7 @@ use std::sync::Arc;
 
 use super::SimulateError;
 use super::tuning::{OUTSIDE_MM, REFUSED_SHARE};
+use crate::evaluate::check_skin_and_bone;
 use prosopon_field::{Envelope, EnvelopeSettings, FieldReport, MethodSettings, SignedField, envelope};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, ScalarGrid, TriMesh, Warning};
@@ -114,6 +115,9 @@ fn check_nesting(
     let share = |points: &[Point], wrong: &dyn Fn(&Point) -> bool| {
         points.iter().filter(|p| wrong(p)).count() as f64 / points.len().max(1) as f64
     };
+    // A likely cause says more than how much lies on the wrong side.
+    let cause = check_skin_and_bone(&anatomy.skin, &anatomy.skull, ["skin", "skull"])
+        .map_err(|e| SimulateError::Anatomy { detail: e.to_string() })?;
     let covered = share(anatomy.skin.positions(), &|p| bone_field.value(p) < -OUTSIDE_MM);
     if covered > REFUSED_SHARE {
         let detail =
@@ -122,11 +126,15 @@ fn check_nesting(
     }
     let bare = share(bone.surface.positions(), &|p| skin.value(p) > OUTSIDE_MM);
     if bare > REFUSED_SHARE {
-        let detail = format!(
-            "{:.0} % of the bone's vertices lie outside the skin: do both have the same frame (LPS) and unit (mm)?",
-            100.0 * bare
-        );
+        let share = format!("{:.0} % of the bone's vertices lie outside the skin", 100.0 * bare);
+        let detail = match cause.filter(|found| found.code == "surfaces-wrong-frame") {
+            Some(found) => format!("{share}: {}", found.message),
+            None => format!("{share}: do both have the same frame (LPS) and unit (mm)?"),
+        };
         return Err(SimulateError::Anatomy { detail });
+    }
+    if cause.is_some() {
+        return Ok(cause);
     }
     let worst = bare.max(covered);
     Ok((worst > 0.005).then(|| {

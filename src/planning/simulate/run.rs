@@ -264,7 +264,7 @@ pub fn solve_prepared(
     let FaceRegions { regions: face, from_landmarks } =
         face_regions(&anatomy.skin, &anatomy.landmarks, anatomy.midline_x_mm);
     if !from_landmarks {
-        let message = "without landmarks the regions of the face are placed by proportions";
+        let message = "without landmarks on the front of the skin the regions of the face are placed by proportions";
         warnings.push(Warning::check("regions-by-proportions", message).act("Add landmarks."));
     }
     let regions = face.iter().filter_map(|region| region_motion(skin, &last, region)).collect();

@@ -159,6 +159,7 @@ mod tests {
             labiomental_deg: Some(BeforeAfter { before: 120.0, after: 130.0 }),
             lip_gap_mm: None,
             is_mouth_sealed: true,
+            left_out: Vec::new(),
         };
         let d = ClinicalDocument::new(&clinical, &["subnasale".to_owned()], true);
         let p = &d.soft_points[0];

@@ -1,6 +1,7 @@
 use std::sync::Arc;
 
 use prosopon_geometry::{TriMesh, VolumeMesh};
+use prosopon_planning::evaluate::GivenLandmarks;
 use prosopon_planning::plan::{Cut, Plan};
 use prosopon_planning::simulate::{Anatomy, FieldsSettings, PathCheckpoint, RunSettings, TissueSettings};
 use prosopon_tissue::fem::SolveSettings;
@@ -18,6 +19,17 @@ pub struct Case {
     pub midline_x_mm: Option<f64>,
     /// z of the occlusal plane, mm; `None` when unknown.
     pub occlusal_z_mm: Option<f64>,
+    /// Names of the landmarks that nobody has confirmed.
+    pub unconfirmed: Vec<String>,
+}
+
+impl Case {
+    /// The landmarks with what their check needs.
+    #[must_use]
+    pub fn given_landmarks(&self) -> GivenLandmarks<'_> {
+        let points = &self.anatomy.landmarks;
+        GivenLandmarks { points, unconfirmed: &self.unconfirmed, midline_x_mm: self.midline_x_mm }
+    }
 }
 
 /// A tissue mesh of a request.

@@ -5,7 +5,7 @@ use prosopon_contract::{Cuts, Halt, Solid};
 use prosopon_field::{CheckedDistance, FieldReport};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector, Warning};
-use prosopon_planning::evaluate::{Clinical, ErrorMap, FaceRegion, Registration};
+use prosopon_planning::evaluate::{Clinical, ErrorMap, FaceRegion, GivenLandmarks, Registration};
 use prosopon_planning::plan::{Clearance, Cut, Osteotomy, PathReport, Plan, Proposal};
 use prosopon_planning::simulate::{Frame, Outcome, PathCheckpoint};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
@@ -21,6 +21,17 @@ pub trait RunWatch {
     fn warning(&mut self, warning: Warning);
     /// A step is solved; `checkpoint` makes the checkpoint after it, if there can be one.
     fn frame(&mut self, frame: Frame, checkpoint: &dyn Fn() -> Option<PathCheckpoint>);
+}
+
+/// A surface that is checked against the skin.
+#[derive(Debug, Clone, Copy)]
+pub struct OtherSurface<'a> {
+    /// Name of the part, for messages.
+    pub name: &'a str,
+    /// Whether it is bone, which lies within the skin; otherwise it is a skin of the same head.
+    pub is_bone: bool,
+    /// The surface.
+    pub mesh: &'a TriMesh,
 }
 
 /// Result of a solve with an uploaded tissue mesh.
@@ -86,6 +97,27 @@ pub trait Engine: Debug + Send + Sync {
     /// # Errors
     /// [`Halt`].
     fn place(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Vec<Cut>, Vec<Warning>), Halt>;
+
+    /// Warnings about landmarks off their surfaces, or not arranged as in a head.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn check_landmarks(
+        &self,
+        _landmarks: &GivenLandmarks<'_>,
+        _skin: Option<&TriMesh>,
+        _skull: Option<&TriMesh>,
+    ) -> Result<Vec<Warning>, Halt> {
+        Ok(Vec::new())
+    }
+
+    /// The warning of bone, or of another skin, that is not in the frame of `skin`.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn check_surfaces(&self, _skin: &TriMesh, _other: &OtherSurface<'_>) -> Result<Option<Warning>, Halt> {
+        Ok(None)
+    }
 
     /// Proposes landmarks from the surfaces of skin and skull.
     fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal;

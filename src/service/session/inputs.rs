@@ -267,7 +267,8 @@ impl SessionParts {
             fields: (&self.field_settings()?).into(),
             key,
             midline_x_mm: landmarks.as_ref().and_then(|l| l.midline_x_mm),
-            occlusal_z_mm: landmarks.and_then(|l| l.occlusal_plane_z_mm),
+            occlusal_z_mm: landmarks.as_ref().and_then(|l| l.occlusal_plane_z_mm),
+            unconfirmed: landmarks.map(|l| l.proposed).unwrap_or_default(),
         })
     }
 

@@ -86,6 +86,7 @@ mod tests {
             key: "field".to_owned(),
             midline_x_mm: Some(0.0),
             occlusal_z_mm: None,
+            unconfirmed: Vec::new(),
         };
         let mut settings = TissueSettings { mouth: Mouth::Auto, ..TissueSettings::default() };
         settings.mesh.edge_mm = 9.0;

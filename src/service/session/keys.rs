@@ -49,6 +49,7 @@ mod tests {
             key: "k".to_owned(),
             midline_x_mm,
             occlusal_z_mm,
+            unconfirmed: Vec::new(),
         };
         let first = bone_key(&case(Some(0.0), Some(-40.0)), &[]);
         assert_eq!(first, bone_key(&case(Some(0.0), Some(-40.0)), &[]));

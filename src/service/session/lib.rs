@@ -21,7 +21,7 @@ mod tissue_file;
 
 pub use case::{Case, Earlier, Run, SceneBones, SceneRun, TissueRequest};
 pub use checkpoint_file::StoredCheckpoint;
-pub use engine::{Engine, RunWatch, SceneSolved};
+pub use engine::{Engine, OtherSurface, RunWatch, SceneSolved};
 pub use error_sheet::{ERROR_LIMIT_MM, error_sheet};
 pub use inputs::{SessionParts, load_mesh, read_part};
 pub use kept::Kept;

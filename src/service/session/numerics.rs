@@ -8,13 +8,13 @@ use super::path_solve::{PathSolve, Ready, solve_path};
 use super::recent::Recent;
 use super::scene::{bone_fields, solve_scene};
 use super::tissue_file::tissue_file;
-use super::{Case, Engine, Kept, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest};
+use super::{Case, Engine, Kept, OtherSurface, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest};
 use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid, import_fault};
 use prosopon_field::{CheckedDistance, Envelope, ExactDistance, FieldReport, SignedField, envelope};
 use prosopon_formats::import::{self, Limits};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Motion, Point, TriMesh, Vector, Warning};
-use prosopon_planning::evaluate::{self, Clinical, ErrorMap, FaceRegion, Registration};
+use prosopon_planning::evaluate::{self, Clinical, ErrorMap, FaceRegion, GivenLandmarks, Registration};
 use prosopon_planning::plan::{
     self, Clearance, Cut, Landmarks, Osteotomy, Path, PathReport, Plan, PlanError, Proposal, TemplateCuts,
     TemplateError,
@@ -171,6 +171,26 @@ fn template_fault(TemplateError { index, error }: TemplateError) -> Halt {
     }
 }
 
+/// Warnings about the landmarks by which templates are placed: those of the session, and those of the request in their place.
+fn template_landmarks(case: &Case, cuts: &Cuts) -> Result<Vec<Warning>, Halt> {
+    let mut found = Vec::new();
+    for call in &cuts.templates {
+        let points: Vec<(String, Point)> = call.landmarks.points.iter().map(|(name, p)| (name.clone(), *p)).collect();
+        let stays = |name: &&String| {
+            case.anatomy.landmarks.iter().any(|(n, p)| n == *name && points.iter().any(|(m, q)| m == n && p == q))
+        };
+        let unconfirmed: Vec<String> = case.unconfirmed.iter().filter(stays).cloned().collect();
+        let midline_x_mm = call.landmarks.midline_x_mm;
+        let landmarks = GivenLandmarks { points: &points, unconfirmed: &unconfirmed, midline_x_mm };
+        for warning in evaluate::check_landmarks(&landmarks, Some(&case.anatomy.skin), Some(&case.anatomy.skull))? {
+            if !found.contains(&warning) {
+                found.push(warning);
+            }
+        }
+    }
+    Ok(found)
+}
+
 /// Maps pointers to the request's own cuts, which come after those of its templates.
 fn given_cuts(halt: Halt, templates: &TemplateCuts) -> Halt {
     match halt {
@@ -247,6 +267,7 @@ impl Engine for Numerics {
         let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, &templates))?);
         let warnings = templates.warnings(&osteotomy);
         osteotomy.warnings.extend(warnings.into_iter().chain(cuts.warnings.iter().cloned()));
+        osteotomy.warnings.extend(template_landmarks(case, cuts)?);
         let clearances = plan::clearances(&osteotomy, &cuts.protected)?;
         for near in &clearances {
             let Some(protected) = cuts.protected.get(near.protected) else { continue };
@@ -269,6 +290,7 @@ impl Engine for Numerics {
         let (templates, all) = self.placed(case, cuts, control)?;
         let mut warnings = cuts.warnings.clone();
         warnings.extend(templates.placing_warnings());
+        warnings.extend(template_landmarks(case, cuts)?);
         let bone = self.envelope_of(case, control)?;
         match plan::try_cuts(&bone, &all, control) {
             Ok(()) => {}
@@ -281,6 +303,24 @@ impl Engine for Numerics {
             Err(fault) => return Err(fault.into()),
         }
         Ok((all, warnings))
+    }
+
+    fn check_landmarks(
+        &self,
+        landmarks: &GivenLandmarks<'_>,
+        skin: Option<&TriMesh>,
+        skull: Option<&TriMesh>,
+    ) -> Result<Vec<Warning>, Halt> {
+        Ok(evaluate::check_landmarks(landmarks, skin, skull)?)
+    }
+
+    fn check_surfaces(&self, skin: &TriMesh, other: &OtherSurface<'_>) -> Result<Option<Warning>, Halt> {
+        let names = ["skin", other.name];
+        Ok(if other.is_bone {
+            evaluate::check_skin_and_bone(skin, other.mesh, names)?
+        } else {
+            evaluate::check_two_skins(skin, other.mesh, names)?
+        })
     }
 
     fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal {

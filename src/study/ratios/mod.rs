@@ -352,6 +352,7 @@ mod tests {
             labiomental_deg: None,
             lip_gap_mm: None,
             is_mouth_sealed: true,
+            left_out: Vec::new(),
         };
         // The tip that is found again lies where its own point went; the new subnasale lies farther back.
         let again = [("pronasale", [0.0, -1.5, 3.0]), ("subnasale", [0.0, -3.0, 1.0])];

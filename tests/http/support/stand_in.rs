@@ -405,6 +405,7 @@ impl Engine for StandIn {
             labiomental_deg: None,
             lip_gap_mm: Some(BeforeAfter { before: 0.0, after: 0.0 }),
             is_mouth_sealed: true,
+            left_out: Vec::new(),
         })
     }
 

@@ -1,6 +1,7 @@
 //! What a prediction means in a surgeon's terms: named points, soft-to-hard ratios, profile, angles, gap of the lips.
 
 mod lips;
+mod off_surface;
 mod section;
 mod soft_points;
 #[cfg(test)]
@@ -9,6 +10,7 @@ mod tests;
 use std::collections::BTreeMap;
 
 use super::EvaluateError;
+use super::consistency::{Tissue, known};
 use super::distance::Surface;
 use super::nearest_bone::{BoneAt, MovedBone};
 use super::tuning::{INTO_BONE_MM, PROFILE_STEP_MM, ROOTWARD_MM, STILL_BONE_MM};
@@ -116,6 +118,8 @@ pub struct Clinical {
     pub lip_gap_mm: Option<BeforeAfter>,
     /// Whether both margins are one point of skin, so that the lips cannot part.
     pub is_mouth_sealed: bool,
+    /// Given points that lie too far from their surface to be measured, with their distance, mm.
+    pub left_out: Vec<(&'static str, f64)>,
 }
 
 /// Hard points from above downwards, each with the way into its own bone, LPS mm.
@@ -147,7 +151,7 @@ fn hard_of(soft: &str) -> &'static [&'static str] {
 /// A point of skin is followed as a point of the surface: it is not looked for again on the deformed skin. A given soft point
 /// is the nearest point of the skin; others are found on the profile, the skin's line in the midsagittal plane or up to 3 mm
 /// beside it where that line runs into a nostril. A hard point moves with the segment in which it lies. A hard point that moves
-/// by less than 1 mm gives no ratio.
+/// by less than 1 mm gives no ratio. Given points farther from skin or bone than their accuracy and 6 mm are left out.
 ///
 /// # Errors
 /// [`EvaluateError::Input`] when the two skins have other triangles or a surface is not usable; [`EvaluateError::Cancelled`].
@@ -158,9 +162,10 @@ pub fn clinical(input: &ClinicalInput<'_>, control: &Control) -> Result<Clinical
     }
     let section = Section::near(input.rest, input.midline_x_mm);
     control.check()?;
-    let soft = soft(input, &section)?;
+    let mut left_out = Vec::new();
+    let hard = hard(input, &mut left_out)?;
     control.check()?;
-    let hard = hard(input)?;
+    let soft = soft(input, &section, &mut left_out)?;
     let point = |points: &[NamedPoint], name: &str| points.iter().find(|p| p.name == name).cloned();
     let ratios = SOFT.map(|name| ratio(name, point(&soft, name).as_ref(), &hard)).to_vec();
     let angle = |names: [&str; 3]| {
@@ -184,12 +189,29 @@ pub fn clinical(input: &ClinicalInput<'_>, control: &Control) -> Result<Clinical
         soft,
         hard,
         ratios,
+        left_out,
     })
 }
 
 /// The soft points with the columella.
-fn soft(input: &ClinicalInput<'_>, section: &Section) -> Result<Vec<NamedPoint>, EvaluateError> {
+fn soft(
+    input: &ClinicalInput<'_>,
+    section: &Section,
+    left_out: &mut Vec<(&'static str, f64)>,
+) -> Result<Vec<NamedPoint>, EvaluateError> {
     let mut given: BTreeMap<&str, Point> = input.given.iter().map(|(name, p)| (name.as_str(), *p)).collect();
+    given.retain(|name, _| left_out.iter().all(|(left, _)| left != name));
+    let surface = if given.is_empty() { None } else { Some(Surface::new(input.rest)?) };
+    let mut off: Vec<&'static str> = Vec::new();
+    for name in SOFT.into_iter().chain([COLUMELLA, "stomion"]) {
+        let Some((p, surface)) = given.get(name).zip(surface.as_ref()) else { continue };
+        let mm = surface.nearest(p).signed.abs();
+        if is_off(name, Tissue::Skin, mm) {
+            left_out.push((name, mm));
+            off.push(name);
+            given.remove(name);
+        }
+    }
     if let Some(stomion) = given.get("stomion").copied() {
         given.entry("stomion_superius").or_insert(stomion);
         given.entry("stomion_inferius").or_insert(stomion);
@@ -201,8 +223,11 @@ fn soft(input: &ClinicalInput<'_>, section: &Section) -> Result<Vec<NamedPoint>,
         }
     }
     let found = soft_points(section, &known);
-    let surface = if given.is_empty() { None } else { Some(Surface::new(input.rest)?) };
+    let is_left_out = |name: &str| off.contains(&name) || (name.starts_with("stomion") && off.contains(&"stomion"));
     let of = |name: &'static str| {
+        if is_left_out(name) && !given.contains_key(name) {
+            return None;
+        }
         let on_skin = given.get(name).zip(surface.as_ref()).map(|(p, surface)| {
             let hit = surface.nearest(p);
             SurfacePoint::in_triangle(input.rest, hit.triangle, &hit.point)
@@ -215,15 +240,25 @@ fn soft(input: &ClinicalInput<'_>, section: &Section) -> Result<Vec<NamedPoint>,
     Ok([first, COLUMELLA].into_iter().chain(others).filter_map(of).collect())
 }
 
-fn hard(input: &ClinicalInput<'_>) -> Result<Vec<NamedPoint>, EvaluateError> {
+/// Whether the given point `name` lies too far from its surface.
+fn is_off(name: &str, tissue: Tissue, mm: f64) -> bool {
+    known(name).is_some_and(|known| known.tissue == tissue && mm > known.limit_mm)
+}
+
+fn hard(input: &ClinicalInput<'_>, left_out: &mut Vec<(&'static str, f64)>) -> Result<Vec<NamedPoint>, EvaluateError> {
     let bones = BoneAt::new(input.bones)?;
-    let of = |(name, inward): (&'static str, [f64; 3])| {
+    let mut of = |(name, inward): (&'static str, [f64; 3])| {
         let given = input.given.iter().find(|(n, _)| n == name).map(|(_, p)| *p);
         let rest = given.or_else(|| input.proposed.get(name).copied())?;
-        let motion: Motion = bones.motion_at(&(rest + Vector::from(inward)))?;
+        let (_, depth) = bones.at(&rest)?;
+        if given.is_some() && is_off(name, Tissue::Bone, depth) {
+            left_out.push((name, depth));
+            return None;
+        }
+        let (motion, _): (Motion, f64) = bones.at(&(rest + Vector::from(inward)))?;
         Some(NamedPoint { name, rest, moved: motion * rest, is_given: given.is_some() })
     };
-    Ok(HARD.into_iter().filter_map(of).collect())
+    Ok(HARD.into_iter().filter_map(&mut of).collect())
 }
 
 fn ratio(name: &'static str, soft: Option<&NamedPoint>, hard: &[NamedPoint]) -> SoftToHard {

@@ -261,3 +261,25 @@ fn skins_with_other_triangles_are_refused() {
         ClinicalInput { rest: &one, moved: &other, given: &[], proposed: &proposed, midline_x_mm: 5.0, bones: &[] };
     assert!(matches!(clinical(&input, &Control::new()), Err(EvaluateError::Input { .. })));
 }
+
+#[test]
+fn given_points_far_from_skin_and_bone_are_left_out_by_name() {
+    let skin = face(false);
+    let after = moved(&skin, |_| Vector::new(0.0, -3.0, 0.0));
+    let up = Vector::new(0.0, 0.0, 40.0);
+    let given: Vec<(String, Point)> = [("pronasale", corner(2) + up), ("ans", Point::new(5.0, 8.0, -10.0) + up)]
+        .map(|(name, p)| (name.to_owned(), p))
+        .to_vec();
+    let found = measured(&skin, &after, &given, [Motion::translation(0.0, -6.0, 0.0), Motion::identity()]);
+    assert!(!found.soft.iter().any(|p| p.name == "pronasale") && !found.hard.iter().any(|p| p.name == "ans"));
+    let names: Vec<&str> = found.left_out.iter().map(|(name, _)| *name).collect();
+    assert_eq!(names, ["ans", "pronasale"]);
+    let warning = found.points_off_surface().unwrap();
+    assert!(warning.code == "points-not-measured" && warning.message.contains("ans (35 mm)"), "{warning}");
+    assert!(found.ratios.iter().any(|r| r.soft == "pronasale" && r.ratio == Err(NoRatio::NoSoftPoint)));
+    // The others are still found, and nothing is reported of points within their accuracy.
+    assert!(found.soft.iter().any(|p| p.name == "soft_pogonion"));
+    let near = [("pronasale".to_owned(), corner(2) + Vector::new(0.0, -4.0, 0.0))];
+    let found = measured(&skin, &after, &near, [Motion::identity(); 2]);
+    assert!(of(&found.soft, "pronasale").is_given && found.points_off_surface().is_none());
+}

@@ -32,6 +32,12 @@ const MEASURED_MM: [(&str, f64); 20] = [
     ("zygomaxillare", 5.0),
 ];
 
+/// Measured accuracy of the landmark `stem`, a name without its side, mm; `None` where it was not measured.
+#[must_use]
+pub(crate) fn measured_accuracy_mm(stem: &str) -> Option<f64> {
+    MEASURED_MM.iter().find(|(known, _)| *known == stem).map(|(_, mm)| *mm)
+}
+
 /// Accuracy of each point, mm, by name.
 ///
 /// The measured value, or half the distance between the point and the mirror image of the other side's where that is more.
@@ -41,7 +47,7 @@ pub(super) fn within_mm(points: &BTreeMap<String, Point>, midline: f64) -> BTree
             .into_iter()
             .find_map(|side| Some((name.strip_suffix(Landmarks::side_name(side))?.strip_suffix('_')?, Some(side))))
             .unwrap_or((name, None));
-        let measured = MEASURED_MM.iter().find(|(known, _)| *known == stem).map_or(UNKNOWN_MM, |(_, mm)| *mm);
+        let measured = measured_accuracy_mm(stem).unwrap_or(UNKNOWN_MM);
         let other = side.and_then(|side| points.get(&format!("{stem}_{}", Landmarks::side_name(-side))));
         let apart = other.map_or(0.0, |q| (p - Point::new(2.0 * midline - q.x, q.y, q.z)).norm());
         (name.clone(), measured.max((5.0 * apart).round() / 10.0))

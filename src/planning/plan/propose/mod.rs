@@ -14,6 +14,7 @@ mod voxels;
 use std::collections::BTreeMap;
 
 use super::Landmarks;
+pub(crate) use accuracy::measured_accuracy_mm;
 pub(super) use by_proportions::propose_by_proportions;
 use jaws::{Occlusion, incisal_edge, lower_incisal_edge, nasal_aperture, occlusion};
 use midline::midline;

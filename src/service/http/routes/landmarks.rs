@@ -5,7 +5,7 @@ use crate::http::dto::{LandmarksQuery, UploadForm};
 use crate::http::extract::{Ids, LandmarksBody, Params};
 use crate::http::{AppState, Problem};
 use prosopon_contract::{FaultKind, LandmarksDocument, to_json};
-use prosopon_jobs::propose_landmarks;
+use prosopon_jobs::{landmark_warnings, propose_landmarks};
 use prosopon_session::SessionParts;
 use prosopon_store::{PartKind, PartRecord, SessionId};
 
@@ -17,6 +17,9 @@ use prosopon_store::{PartKind, PartRecord, SessionId};
 /// The body is this document, or a landmark file of 3D Slicer (`.mrk.json` or `.fcsv`), as it is or in a form with one file. The
 /// service detects it from the bytes, translates labels such as `ANS`, `Pog'` or `Go (L)` to its names, converts RAS to LPS, and
 /// says so in `notes` and `warnings`. Two labels of one landmark are refused.
+///
+/// The answer also has warnings about points that lie off the session's skin or skull, or are not arranged as in a head. Jobs
+/// repeat them.
 #[utoipa::path(put, path = "/v1/sessions/{session}/landmarks", operation_id = "putLandmarks", tag = "inputs", params(("session" = Uuid, Path)),
     request_body(content((LandmarksDocument = "application/json"), (String = "text/csv"), (UploadForm = "multipart/form-data"))),
     responses((status = 200, description = "The stored landmarks.", body = LandmarksDocument)))]
@@ -25,11 +28,12 @@ pub(in crate::http) async fn put(
     Ids(session): Ids<SessionId>,
     body: LandmarksBody,
 ) -> Result<Json<LandmarksDocument>, Problem> {
-    SessionParts::load(state.service.store(), session).await?;
+    let parts = SessionParts::load(state.service.store(), session).await?;
     let mut landmarks = body.landmarks.checked()?;
     landmarks.note(body.findings);
     let part = PartRecord::of_document(PartKind::Landmarks, to_json("the landmarks", &landmarks)?);
     state.service.store().put_parts(session, &[part]).await?;
+    landmarks.warnings.extend(landmark_warnings(&state.service, &parts, &landmarks).await?);
     Ok(Json(landmarks))
 }
 

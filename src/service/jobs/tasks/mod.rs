@@ -2,6 +2,7 @@
 
 mod baselines;
 mod bone;
+mod checks;
 mod compare;
 mod named_surface;
 mod predictions;
@@ -15,6 +16,8 @@ pub use baselines::BoneBelow;
 pub(super) use baselines::{Mapped, baselines, follow_bone};
 pub(crate) use bone::measured;
 pub use bone::{cut_bone, make_plan, measure_plan, place_cuts, propose_landmarks};
+pub(crate) use checks::input_warnings;
+pub use checks::landmark_warnings;
 pub use compare::{Compared, Comparison, Prediction, compare};
 pub(super) use named_surface::load_surface;
 pub use named_surface::{NamedSurface, face_of, named_surface};

@@ -1,5 +1,6 @@
 use std::time::Instant;
 
+use super::checks::surface_warnings;
 use crate::Service;
 use prosopon_contract::{Fault, FaultKind, Halt, OriginKind, SurfaceDocument, SurfaceOrigin, import_fault};
 use prosopon_formats::import::{ImportError, SurfaceFormat, detect_surface, surface};
@@ -53,8 +54,12 @@ async fn take(
         })
         .await?;
     let wall_s = started.elapsed().as_secs_f64();
-    let (part, document) = surface_part(&service.store, session, kind, prepared, wall_s).await?;
+    let (part, mut document) = surface_part(&service.store, session, kind, prepared, wall_s).await?;
     service.store.put_parts(session, &[part]).await?;
+    // Only in the answer: other parts may be replaced.
+    if kind != PartKind::Air {
+        document.findings.extend(surface_warnings(service, session, kind).await?);
+    }
     Ok(document)
 }
 

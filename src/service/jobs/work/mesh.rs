@@ -3,6 +3,7 @@ use std::time::Instant;
 use super::{Context, Done, changed_meanwhile};
 use crate::requests::MeshTask;
 use crate::running::Phase;
+use crate::tasks::input_warnings;
 use prosopon_contract::{D1ReadingName, Halt, MeshDocument, PresetName, to_json};
 use prosopon_geometry::Warning;
 use prosopon_session::Kept;
@@ -28,7 +29,8 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     context.running.set_phase(Phase::Mesh);
     let built = context
         .compute(move |engine, control| {
-            let built = engine.tissue(&case, &tissue, control)?;
+            let mut built = engine.tissue(&case, &tissue, control)?;
+            built.warnings.extend(input_warnings(engine, &case)?);
             Ok((built, engine.bytes_of(Kept::Tissue, &tissue.key)))
         })
         .await;

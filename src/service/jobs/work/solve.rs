@@ -12,7 +12,7 @@ use super::steps::{checkpoint, write_steps};
 use super::{Context, Done, changed_meanwhile, scene};
 use crate::requests::{MeshChoice, SolveKind, SolveTask};
 use crate::running::Phase;
-use crate::tasks::measured;
+use crate::tasks::{input_warnings, measured};
 use prosopon_contract::{
     BudgetDocument, Halt, MeshDocument, MeshRequest, MouthDocument, PresetName, TissueLawsDocument, WarningDocument,
     stored_cuts, to_json,
@@ -68,8 +68,10 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     let unmeasured = (!request.plan.measured).then(|| (case.clone(), cuts.clone(), request.plan.clone()));
     let goes_on = before.as_ref().map(|before| before.checkpoint.clone());
     let run = Run { case, cuts, tissue, plan, settings, after, checkpoint: goes_on };
+    let running = Arc::clone(&context.running);
     let (run, rest, beforehand) = context
         .compute(move |engine, control| {
+            input_warnings(engine, &run.case)?.into_iter().for_each(|found| running.warn(found.into()));
             let (was_built, begin) = (engine.has(Kept::Tissue, &run.tissue.key), Instant::now());
             let rest = encode_mesh(&engine.skin(&run, &control.without_progress())?);
             Ok((run, rest, Beforehand { was_built, mesh_s: begin.elapsed().as_secs_f64() }))
@@ -216,7 +218,8 @@ async fn compute(
             let last = watch.last.as_ref();
             let clinical = match last.map(|skin| engine.clinical(&run, skin, &control.stage(solved, solved))) {
                 Some(Ok(clinical)) => {
-                    warnings.extend(clinical.joined_lips().map(WarningDocument::from));
+                    let found = clinical.joined_lips().into_iter().chain(clinical.points_off_surface());
+                    warnings.extend(found.map(WarningDocument::from));
                     Some(clinical)
                 }
                 Some(Err(Halt::Cancelled)) => return Err(Halt::Cancelled),

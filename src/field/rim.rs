@@ -55,9 +55,6 @@ pub(super) struct Rim {
 /// From this many edges on the caps' winding number comes from a tree of dipoles, within about 0.01.
 const MIN_TREE_EDGES: usize = 3000;
 
-/// With more holes than this, the same: the surface is a soup of pieces, and each of their caps would be visited for each sample.
-const MAX_EXACT_HOLES: usize = 100;
-
 /// Margin below one half that the caps' share of a winding number needs to be harmless.
 const CLEAR_MARGIN: f64 = 1e-9;
 
@@ -84,7 +81,7 @@ impl Rim {
             hole.push(RimEdge { start: positions[a as usize], end: positions[b as usize], times });
         }
         let rim = Self { holes: holes.into_values().map(Hole::new).collect(), tree: None };
-        if edges.len() < MIN_TREE_EDGES && rim.holes.len() <= MAX_EXACT_HOLES { rim } else { rim.with_tree() }
+        if edges.len() < MIN_TREE_EDGES { rim } else { rim.with_tree() }
     }
 
     fn with_tree(mut self) -> Self {

@@ -1,16 +1,27 @@
 use super::{SurfaceReport, TriMesh, Vector};
 
+/// From this many triangles on, a surface with more open sides than triangles is a heap of pieces.
+const LEAST_HEAP: usize = 100;
+
 /// A surface thinner than this share of its diagonal counts as flat. Rounding a plane to `f32` stays below it.
 const MAX_FLAT_SHARE: f64 = 1e-4;
 
 /// Reason why a surface bounds no solid even when its holes are closed; `None` when it bounds one.
 ///
-/// The reasons are: fewer than four triangles, all triangles in one plane, or a closed surface without volume. `report` is
+/// The reasons are: fewer than four triangles, a heap of single triangles, all triangles in one plane, or a closed surface without volume. `report` is
 /// the [`surface_report`](super::surface_report) of `mesh`.
 #[must_use]
 pub fn not_solid_reason(mesh: &TriMesh, report: &SurfaceReport) -> Option<String> {
     if report.triangles < 4 {
         return Some(format!("too few triangles to bound a solid: {}, at least 4 are needed", report.triangles));
+    }
+    if report.triangles >= LEAST_HEAP && report.boundary_edges > report.triangles {
+        return Some(format!(
+            "the triangles hardly touch each other: of the {} sides of {} triangles {} are open; export the surface with joined vertices",
+            3 * report.triangles,
+            report.triangles,
+            report.boundary_edges
+        ));
     }
     let diagonal = report.bounds.diagonal();
     let thickness = thickness(mesh);
@@ -59,6 +70,16 @@ mod tests {
         assert!(refusal([100.0; 3], 11).is_some_and(|d| d.contains("solid: 1,")));
         assert!(refusal([100.0, 100.0, 1e-4], 0).is_some_and(|d| d.contains("one plane")));
         assert!(refusal([100.0, 1e-4, 1e-4], 0).is_some_and(|d| d.contains("one plane")));
+    }
+
+    #[test]
+    fn a_heap_of_single_triangles_is_no_surface() {
+        let positions: Vec<Point> =
+            (0..300).map(|i| Point::new(f64::from(i), f64::from(i * i % 97), f64::from(i * 31 % 89))).collect();
+        let triangles: Vec<[u32; 3]> = (0..100).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let mesh = TriMesh::new(positions, triangles).unwrap();
+        let reason = not_solid_reason(&mesh, &surface_report(&mesh)).unwrap();
+        assert!(reason.contains("of the 300 sides of 100 triangles 300 are open"), "{reason}");
     }
 
     #[test]

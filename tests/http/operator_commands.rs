@@ -256,3 +256,40 @@ fn a_demo_deletes_earlier_results_in_its_directory() {
         assert_eq!(at(name).exists(), stays, "{name}");
     }
 }
+
+/// `prosopon check` reads files as the service does, and fails when one cannot be used.
+#[test]
+fn files_are_checked_without_a_session() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    let mut ras = prosopon_formats::export::stl(&crate::support::shapes::cube([10.0, 20.0, 30.0], 100.0));
+    ras[..80].fill(b' ');
+    ras[..9].copy_from_slice(b"SPACE=RAS");
+    let good = [
+        file("skin.stl", &ras),
+        file("points.fcsv", b"# Markups fiducial file version = 4.11\n# CoordinateSystem = RAS\n# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n1,10,-20,30,0,0,0,1,1,1,0,ANS,,\n"),
+        file("move.tfm", b"#Insight Transform File V1.0\n#Transform 0\nTransform: TranslationTransform_double_3_3\nParameters: 1.5 -6 -1.25\nFixedParameters:\n"),
+    ];
+    let check = |files: &[std::path::PathBuf], more: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_prosopon")).arg("check").args(files).args(more).output().unwrap()
+    };
+    let checked = check(&good, &["--json"]);
+    assert!(checked.status.success(), "{checked:?}");
+    let found: serde_json::Value = serde_json::from_slice(&checked.stdout).unwrap();
+    let files = &found["files"];
+    assert_eq!((&files[0]["kind"], &files[0]["min_mm"][0]), (&json!("surface"), &json!(-110.0)), "{found}");
+    assert_eq!(files[0]["notes"][0]["code"], "stated-frame", "{found}");
+    assert_eq!((&files[1]["kind"], &files[1]["points"]["ans"]), (&json!("landmarks"), &json!([-10.0, 20.0, 30.0])), "{found}");
+    assert_eq!((&files[2]["kind"], &files[2]["matrix"][1][3]), (&json!("transform"), &json!(-6.0)), "{found}");
+    let text = String::from_utf8(check(&good, &[]).stdout).unwrap();
+    assert!(text.contains("note stated-frame") && text.contains("200.0 mm wide") && text.contains("rigid transform"), "{text}");
+    let bad = [file("broken.stl", b"solid \0 nothing"), good[0].clone()];
+    let refused = check(&bad, &[]);
+    assert!(!refused.status.success());
+    let text = String::from_utf8(refused.stdout).unwrap();
+    assert!(text.contains("broken.stl: CANNOT BE USED") && text.contains("skin.stl: surface"), "{text}");
+}

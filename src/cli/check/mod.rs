@@ -30,14 +30,16 @@ pub(super) fn run(arguments: &CheckArguments) -> CommandResult {
     let settings = arguments.reading.settings();
     let reports: Vec<FileReport> =
         arguments.files.iter().map(|file| FileReport::of(file, &settings)).collect::<Result<_, _>>()?;
+    let together = report::together(&reports)?;
     let mut out = std::io::stdout().lock();
     if arguments.json {
-        serde_json::to_writer_pretty(&mut out, &serde_json::json!({ "files": reports }))?;
+        serde_json::to_writer_pretty(&mut out, &serde_json::json!({ "files": reports, "together": together }))?;
         writeln!(out)?;
     } else {
         for report in &reports {
             text::write(&mut out, report)?;
         }
+        text::findings(&mut out, &together)?;
     }
     let refused = reports.iter().filter(|report| matches!(report.checked, Checked::Refused { .. })).count();
     if refused > 0 { Err(format!("{refused} of {} files cannot be used", reports.len()).into()) } else { Ok(()) }

@@ -4,14 +4,15 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use prosopon_contract::{
-    CtDocument, Fault, FaultKind, LandmarksDocument, OriginKind, SurfaceDocument, SurfaceOrigin, VolumeDocument,
+    CtDocument, Fault, FaultKind, Findings, LandmarksDocument, OriginKind, SurfaceDocument, SurfaceOrigin, VolumeDocument,
     import_fault, landmarks_of_file,
 };
 use prosopon_formats::import::{
     Limits, VolumeSettings, detect_surface, detect_transform, detect_volume, is_legacy_vtk, rigid_motion, surface,
     transform, volume_mesh, volume_with,
 };
-use prosopon_geometry::{not_solid_reason, surface_report};
+use prosopon_geometry::{TriMesh, not_solid_reason, surface_report};
+use prosopon_planning::evaluate::{EvaluateError, check_skin_and_bone};
 use prosopon_planning::simulate::ReadyMesh;
 use prosopon_study::read_ct;
 
@@ -22,6 +23,9 @@ pub(super) struct FileReport {
     pub(super) file: String,
     #[serde(flatten)]
     pub(super) checked: Checked,
+    /// The surface, to compare it with others.
+    #[serde(skip)]
+    mesh: Option<TriMesh>,
 }
 
 /// What a file holds.
@@ -51,7 +55,7 @@ pub(super) enum Checked {
         wedges: usize,
         /// Warnings and notes.
         #[serde(flatten)]
-        findings: prosopon_contract::Findings,
+        findings: Findings,
     },
     /// The service would refuse it.
     Refused {
@@ -70,15 +74,33 @@ impl FileReport {
     /// When the file itself cannot be read; a content that cannot be used is a report.
     pub(super) fn of(path: &Path, settings: &VolumeSettings) -> Result<Self, Box<dyn std::error::Error>> {
         let bytes = read_ct(path)?;
-        let checked = checked(&bytes, settings).unwrap_or_else(|fault| Checked::Refused {
+        let mut mesh = None;
+        let checked = checked(&bytes, settings, &mut mesh).unwrap_or_else(|fault| Checked::Refused {
             problem: format!("/problems/{}", fault.kind.slug()),
             detail: fault.detail,
         });
-        Ok(Self { file: path.display().to_string(), checked })
+        Ok(Self { file: path.display().to_string(), checked, mesh })
     }
 }
 
-fn checked(bytes: &[u8], settings: &VolumeSettings) -> Result<Checked, Fault> {
+/// Findings on two surfaces, of which the larger one is taken for the skin: whether the other fits better in another frame or unit.
+///
+/// # Errors
+/// When a surface cannot be measured.
+pub(super) fn together(reports: &[FileReport]) -> Result<Findings, EvaluateError> {
+    let surfaces: Vec<(&str, &TriMesh)> =
+        reports.iter().filter_map(|report| Some((report.file.as_str(), report.mesh.as_ref()?))).collect();
+    let [(a, one), (b, other)] = surfaces[..] else { return Ok(Findings::default()) };
+    let size = |mesh: &TriMesh| (mesh.bounds().max - mesh.bounds().min).norm();
+    let found = if size(one) >= size(other) {
+        check_skin_and_bone(one, other, [a, b])?
+    } else {
+        check_skin_and_bone(other, one, [b, a])?
+    };
+    Ok(found.into_iter().collect())
+}
+
+fn checked(bytes: &[u8], settings: &VolumeSettings, mesh: &mut Option<TriMesh>) -> Result<Checked, Fault> {
     if bytes.is_empty() {
         return Err(Fault::new(FaultKind::UnsupportedFormat, "the file is empty"));
     }
@@ -98,7 +120,7 @@ fn checked(bytes: &[u8], settings: &VolumeSettings) -> Result<Checked, Fault> {
     if detect_volume(bytes).is_some() {
         return checked_volume(bytes, settings);
     }
-    checked_surface(bytes)
+    checked_surface(bytes, mesh)
 }
 
 /// Whether the beginning of a file contains a word.
@@ -115,7 +137,7 @@ fn own_landmarks(bytes: &[u8]) -> Result<LandmarksDocument, Fault> {
     serde_json::from_slice::<LandmarksDocument>(bytes).map_err(refused)?.checked()
 }
 
-fn checked_surface(bytes: &[u8]) -> Result<Checked, Fault> {
+fn checked_surface(bytes: &[u8], kept: &mut Option<TriMesh>) -> Result<Checked, Fault> {
     let refused = |error| import_fault(&error, FaultKind::SurfaceNotUsable);
     let Some(format) = detect_surface(bytes) else {
         let detail = "the format is not recognised; allowed are STL, PLY, OBJ, VTP, VTU, DICOM, NIfTI, NRRD, MetaImage, landmarks and \
@@ -127,6 +149,7 @@ fn checked_surface(bytes: &[u8]) -> Result<Checked, Fault> {
     if let Some(detail) = not_solid_reason(&mesh, &report) {
         return Err(Fault::new(FaultKind::SurfaceNotUsable, detail));
     }
+    *kept = Some(mesh);
     let origin = SurfaceOrigin {
         kind: OriginKind::Upload,
         format: format.name().to_owned(),

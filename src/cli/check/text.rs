@@ -7,7 +7,7 @@ use prosopon_contract::{Findings, SurfaceDocument, VolumeDocument};
 
 /// Writes the report of one file: its kind, then size, place and findings, a line each.
 pub(super) fn write(out: &mut impl Write, report: &FileReport) -> Result<()> {
-    let FileReport { file, checked } = report;
+    let FileReport { file, checked, .. } = report;
     match checked {
         Checked::Surface(surface) => {
             writeln!(out, "{file}: surface ({})", surface.origin.format)?;
@@ -85,7 +85,8 @@ fn place([x, y, z]: [f64; 3]) -> String {
     format!("({}, {}, {})", word(x, ["R", "L"]), word(y, ["A", "P"]), word(z, ["I", "S"]))
 }
 
-fn findings(out: &mut impl Write, found: &Findings) -> Result<()> {
+/// Writes warnings, then notes.
+pub(super) fn findings(out: &mut impl Write, found: &Findings) -> Result<()> {
     for warning in &found.warnings {
         writeln!(out, "  CHECK {}: {warning}", warning.code)?;
     }

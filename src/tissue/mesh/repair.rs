@@ -36,7 +36,6 @@ impl PrismLayer {
             control.check()?;
             let wanted = self.nodes_of(&stirred, |layer, face| layer.quality(mesh, face) < WANTED_JACOBIAN);
             stirred.fill(false);
-            eprintln!("ROUGH round {round} {} of {nodes}", wanted.len());
             if wanted.is_empty() {
                 break;
             }

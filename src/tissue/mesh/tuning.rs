@@ -92,7 +92,8 @@ pub(super) const REPAIR_SINE_FLOOR: f64 = 0.2;
 pub(super) const BETTER: f64 = 1e-4;
 /// Rounds of repair after which a skin is judged,
 pub(super) const ROUGH_AFTER_ROUNDS: usize = 2;
-/// and the share of the layer's nodes that may still lie beside badly shaped prisms then.
+/// and the share of the layer's nodes that may still lie beside badly shaped prisms then: 3 % on the phantom, 6 % on `ct_head`, 94 % on
+/// a ball with 5 mm of noise.
 pub(super) const ROUGH_SHARE: f64 = 0.5;
 /// Most rounds of repair over the nodes of bad prisms.
 pub(super) const REPAIR_ROUNDS: usize = 12;

@@ -231,15 +231,19 @@ class Operations(Transport):
         bone_hu: Optional[float] = None,
         max_error_mm: Optional[float] = None,
         series: Optional[str] = None,
+        stack: Optional[int] = None,
+        volume: Optional[int] = None,
+        rescale_slope: Optional[float] = None,
+        rescale_intercept: Optional[float] = None,
         max_step_mm: Optional[float] = None,
-    ) -> t.JobView:
+    ) -> t.CtAccepted:
         """Upload a CT."""
         _path = self.path(
             "/v1/sessions/{session}/ct",
-            {"skin_hu": skin_hu, "bone_hu": bone_hu, "max_error_mm": max_error_mm, "series": series, "max_step_mm": max_step_mm},
+            {"skin_hu": skin_hu, "bone_hu": bone_hu, "max_error_mm": max_error_mm, "series": series, "stack": stack, "volume": volume, "rescale_slope": rescale_slope, "rescale_intercept": rescale_intercept, "max_step_mm": max_step_mm},
             session=session,
         )
-        _result: t.JobView = self.upload(_path, file, on_progress)
+        _result: t.CtAccepted = self.upload(_path, file, on_progress)
         return _result
 
     def get_field(self, session: str) -> t.FieldView:

@@ -23,11 +23,14 @@ __all__ = [
     "ClinicalDocument",
     "CompareRequest",
     "CompareView",
+    "CoordinateSystemName",
     "CreateLink",
     "CreateOsteotomy",
     "CreatePlan",
     "CreateSession",
     "Criterion",
+    "CtAccepted",
+    "CtDocument",
     "CutDocument",
     "CutSurfaceDocument",
     "D1ReadingName",
@@ -57,6 +60,7 @@ __all__ = [
     "LandmarksFrame",
     "LawView",
     "LeftOutDocument",
+    "LevelsDocument",
     "LinkView",
     "LockingName",
     "LossView",
@@ -149,8 +153,12 @@ __all__ = [
     "TestView",
     "TissueDocument",
     "TissueLawsDocument",
+    "TransformDirection",
+    "TransformFileRequest",
     "TriedDocument",
     "UnstableMaterialName",
+    "UploadForm",
+    "VolumeDocument",
     "VolumetricName",
     "WarningCode",
     "WarningDocument",
@@ -381,6 +389,9 @@ class CompareView(ErrorDocument, total=False):
     values_mm: Optional[List[Optional[float]]]
 
 
+CoordinateSystemName = Literal["LPS", "RAS"]  # Coordinate system of landmarks in a request.
+
+
 class _CreateLinkRequired(TypedDict):
     path: str  # Path and query of a GET below `/v1/sessions/{session}` or `/v1/jobs/{job}`.
 
@@ -448,6 +459,58 @@ class CreateSession(TypedDict, total=False):
 
 # A stability criterion that a material can violate.
 Criterion = Literal["stress_sign", "rising_stress", "drucker", "strong_ellipticity"]
+
+
+class _JobViewRequired(Findings):
+    attempt: int  # How often the job was started.
+    created_at: str  # When the job was accepted (RFC 3339).
+    id: str  # Id of the job.
+    kind: Literal["import", "field", "mesh", "solve", "compare"]  # Kind of job.
+    links: JobLinks  # Paths of the job and of its results so far.
+    # Phase of the work.
+    phase: Literal["waiting", "reading", "surfaces", "field", "cut", "mesh", "solve", "estimate", "compare", "writing", "done"]
+    progress: float  # Completed share of the work, 0 to 1.
+    residuals: List[float]  # Residual force of each finished step, in step order, relative to the reaction force.
+    session: str  # Id of the session that the job belongs to.
+    status: Literal["accepted", "running", "succeeded", "failed", "cancelled", "interrupted"]  # Status.
+    step: int  # Number of finished steps.
+    steps: int  # Total number of steps; 0 for a job without steps.
+
+
+class JobView(_JobViewRequired, total=False):
+    """A job and its current state."""
+
+    # What `auto` chose for the `budget` of a solve, before the solve; the report's `budget` has what it took.
+    budget: Optional[BudgetDocument]
+    cancel_requested_at: Optional[str]  # When cancellation was requested (RFC 3339).
+    continued_by: Optional[str]  # Id of the job that continues this one with a better setting.
+    # Id of the job that missed the error of its `budget` and that this one continues with a better setting.
+    continues: Optional[str]
+    eta_s: Optional[float]  # Estimated remaining time, s; `null` unless the job runs.
+    finished_at: Optional[str]  # When the job ended (RFC 3339).
+    plan: Optional[str]  # Id of the plan that a solve follows.
+    problem: Optional[ProblemDocument]  # Problem that made the job fail; `null` unless it failed.
+    queue_position: Optional[int]  # Number of jobs ahead in the queue; `null` unless the job waits.
+    started_at: Optional[str]  # When the last attempt started (RFC 3339).
+    superseded_by: Optional[str]  # Id of the newer job that replaced this one in the queue.
+
+
+class CtAccepted(JobView):
+    """An accepted CT: its import job, and what was read of it."""
+
+    ct: CtDocument  # Size, place and values of the CT, and findings on how it was read.
+
+
+class _CtDocumentRequired(Findings):
+    bytes: int  # Bytes of the upload.
+    sha256: str  # SHA-256 of the upload.
+
+
+class CtDocument(_CtDocumentRequired, total=False):
+    """Description of a stored CT."""
+
+    format: str  # Format of the upload: `nifti`, `dicom`, `nrrd`, `metaimage`.
+    volume: Optional[VolumeDocument]  # What was read; absent where an earlier version stored the CT.
 
 
 class _PlaneCutRequired(TypedDict):
@@ -767,40 +830,6 @@ class JobList(_JobListRequired, total=False):
     next: Optional[str]  # Path of the next page; absent on the last page.
 
 
-class _JobViewRequired(Findings):
-    attempt: int  # How often the job was started.
-    created_at: str  # When the job was accepted (RFC 3339).
-    id: str  # Id of the job.
-    kind: Literal["import", "field", "mesh", "solve", "compare"]  # Kind of job.
-    links: JobLinks  # Paths of the job and of its results so far.
-    # Phase of the work.
-    phase: Literal["waiting", "reading", "surfaces", "field", "cut", "mesh", "solve", "estimate", "compare", "writing", "done"]
-    progress: float  # Completed share of the work, 0 to 1.
-    residuals: List[float]  # Residual force of each finished step, in step order, relative to the reaction force.
-    session: str  # Id of the session that the job belongs to.
-    status: Literal["accepted", "running", "succeeded", "failed", "cancelled", "interrupted"]  # Status.
-    step: int  # Number of finished steps.
-    steps: int  # Total number of steps; 0 for a job without steps.
-
-
-class JobView(_JobViewRequired, total=False):
-    """A job and its current state."""
-
-    # What `auto` chose for the `budget` of a solve, before the solve; the report's `budget` has what it took.
-    budget: Optional[BudgetDocument]
-    cancel_requested_at: Optional[str]  # When cancellation was requested (RFC 3339).
-    continued_by: Optional[str]  # Id of the job that continues this one with a better setting.
-    # Id of the job that missed the error of its `budget` and that this one continues with a better setting.
-    continues: Optional[str]
-    eta_s: Optional[float]  # Estimated remaining time, s; `null` unless the job runs.
-    finished_at: Optional[str]  # When the job ended (RFC 3339).
-    plan: Optional[str]  # Id of the plan that a solve follows.
-    problem: Optional[ProblemDocument]  # Problem that made the job fail; `null` unless it failed.
-    queue_position: Optional[int]  # Number of jobs ahead in the queue; `null` unless the job waits.
-    started_at: Optional[str]  # When the last attempt started (RFC 3339).
-    superseded_by: Optional[str]  # Id of the newer job that replaced this one in the queue.
-
-
 class _LandmarksDocumentRequired(TypedDict):
     points: Dict[str, List[float]]  # At most 500 points by name, LPS mm.
 
@@ -809,13 +838,16 @@ class LandmarksDocument(_LandmarksDocumentRequired, total=False):
     """Landmarks and planes of a head, LPS mm."""
 
     accuracy_mm: Optional[float]  # Accuracy of the points, mm, as a note for readers; nothing depends on it.
+    coordinate_system: Optional[CoordinateSystemName]  # Coordinate system of the request; LPS when absent.
     frame: Optional[LandmarksFrame]  # Frame and unit of all coordinates; LPS and mm when absent.
     le_fort_1_plane: Optional[PlacedPlane]  # Plane of the horizontal cut of a Le Fort I osteotomy.
     midline_x_mm: Optional[float]  # x coordinate of the facial midline, LPS mm.
+    notes: List[WarningDocument]  # What was converted or renamed, in answers; absent when there is nothing.
     occlusal_plane_z_mm: Optional[float]  # z coordinate of the occlusal plane, LPS mm.
     proposed: List[str]  # Names of the entries that nobody has confirmed yet, as `GET …/landmarks?propose=true` lists them.
     # Expected error of proposed points, mm, by name, as `GET …/landmarks?propose=true` gives it.
     proposed_within_mm: Dict[str, float]
+    warnings: List[WarningDocument]  # What someone should look at, in answers; absent when there is nothing.
 
 
 LandmarksFrame = Literal["LPS, mm"]  # Frame and unit in which landmarks are stated.
@@ -835,6 +867,14 @@ class LeftOutDocument(TypedDict):
     border_mm: float  # Largest displacement of a free node next to a left-out one, mm.
     nodes: int  # Number of left-out nodes, which the plan was expected to move by less than `leave_out_below_mm`.
     of_nodes: int  # Number of nodes of the mesh.
+
+
+class LevelsDocument(TypedDict):
+    """Values of air and soft tissue in a CT, in its own units."""
+
+    air: float  # Value of air.
+    in_hu: bool  # Whether the values are Hounsfield units.
+    soft_tissue: float  # Value of soft tissue.
 
 
 class LinkView(TypedDict):
@@ -1111,14 +1151,44 @@ class _PathByWaypointsRequired(TypedDict):
 
 class PathByWaypoints(_PathByWaypointsRequired, total=False):
     autorotate: None  # Excluded in this variant.
+    matrix: None  # Excluded in this variant.
+    transform_file: None  # Excluded in this variant.
 
 
-class PathByAutorotation(TypedDict):
+class _PathByAutorotationRequired(TypedDict):
     autorotate: Autorotate  # Autorotation instead of waypoints.
     segment: int  # Moving segment, from 1; segment 0 is fixed.
 
 
-PathRequest = Union["PathByWaypoints", "PathByAutorotation"]  # Path of one segment, given by waypoints or by `autorotate`.
+class PathByAutorotation(_PathByAutorotationRequired, total=False):
+    matrix: None  # Excluded in this variant.
+    transform_file: None  # Excluded in this variant.
+
+
+class _PathByMatrixRequired(TypedDict):
+    # Position at the end of the path as a 4 × 4 matrix: short for one waypoint at `t` = 1 with this `matrix`.
+    matrix: List[List[float]]
+    segment: int  # Moving segment, from 1; segment 0 is fixed.
+
+
+class PathByMatrix(_PathByMatrixRequired, total=False):
+    autorotate: None  # Excluded in this variant.
+    transform_file: None  # Excluded in this variant.
+
+
+class _PathByTransformFileRequired(TypedDict):
+    segment: int  # Moving segment, from 1; segment 0 is fixed.
+    # Position at the end of the path as a file: short for one waypoint at `t` = 1 with this `transform_file`.
+    transform_file: TransformFileRequest
+
+
+class PathByTransformFile(_PathByTransformFileRequired, total=False):
+    autorotate: None  # Excluded in this variant.
+    matrix: None  # Excluded in this variant.
+
+
+# Path of one segment, given by waypoints, by `autorotate`, or by its end as a matrix or transform file.
+PathRequest = Union["PathByWaypoints", "PathByAutorotation", "PathByMatrix", "PathByTransformFile"]
 
 
 class _PathSampleRequired(TypedDict):
@@ -1800,6 +1870,19 @@ class TissueLawsDocument(TypedDict, total=False):
     skin: Optional[MaterialDocument]  # Law of the skin.
 
 
+TransformDirection = Literal["itk", "forward"]  # Which way a transform file maps points.
+
+
+class _TransformFileRequestRequired(TypedDict):
+    base64: str  # Content of the file in base64, at most 1 MB.
+
+
+class TransformFileRequest(_TransformFileRequestRequired, total=False):
+    """A file with a rigid transform, LPS mm."""
+
+    direction: Optional[TransformDirection]  # Which way the file maps points.
+
+
 class TriedDocument(TypedDict):
     """A job that missed the budget, and that this one continues."""
 
@@ -1813,12 +1896,34 @@ class TriedDocument(TypedDict):
 UnstableMaterialName = Literal["report", "stabilise"]  # What the solver does when a material loses ellipticity.
 
 
+class UploadForm(TypedDict):
+    """A form with one file, as `curl -F file=@skin.stl` sends it."""
+
+    file: str  # The file; any name will do for the field.
+
+
+class _VolumeDocumentRequired(TypedDict):
+    axes: str  # Direction in which each axis runs, to the nearest of R, L, A, P, I and S: `LPS` runs left, back and up.
+    dims: List[int]  # Number of voxels along each axis of the file.
+    max_mm: List[float]  # Largest coordinates of voxel centres, LPS mm.
+    min_mm: List[float]  # Smallest coordinates of voxel centres, LPS mm.
+    oblique_deg: float  # Largest angle between an axis and the direction that names it, degrees.
+    spacing_mm: List[float]  # Distance between voxels along each axis, mm.
+    values: List[int]  # Smallest and largest value.
+
+
+class VolumeDocument(_VolumeDocumentRequired, total=False):
+    """Size, place and values of a CT as it was read."""
+
+    levels: Optional[LevelsDocument]  # Values of air and soft tissue; absent where the volume does not show them.
+
+
 # Volumetric energy of the volume ratio J; its bulk modulus K gives the Poisson ratio at rest.
 VolumetricName = Literal["logarithmic", "quadratic"]
 
 
 # Kind of a finding (`api/warnings.md`).
-WarningCode = Literal["several-series", "localizers-left-out", "slices-left-out", "duplicate-images", "one-slice", "tilted-slices", "uneven-slices", "padding-set-to-air", "padding-in-tissue", "lossy-compression", "files-skipped", "voxels-without-value", "clamped-voxels", "no-air", "bytes-after-voxels", "no-orientation", "sform-differs", "no-unit", "converted-unit", "unusual-size", "split-polygons", "faces-left-out", "repeated-vertices", "unused-vertices", "bytes-after-triangles", "bytes-after-elements", "cells-without-volume", "points-without-cell", "array-without-numbers", "implausible-size", "airways-closed", "coarser-lattice", "removed-beside-head", "metal", "dense-left-out", "skin-parts-dropped", "bone-pieces-dropped", "open-surface", "duplicate-triangles", "opposed-triangles", "triangles-without-area", "surface-inside-out", "partly-inside-out", "encloses-nothing", "cavities-filled", "envelope-parts-dropped", "surfaces-cross", "sign-at-open-edges", "sign-at-duplicates", "tolerance-below-rounding", "partial-field", "proposed-landmarks", "template-idle", "le-fort-1-steps", "cut-parts-little", "bridges-parted", "fragments-kept", "below-margin", "cut-misses-bone", "bone-not-parted", "plan-not-measured", "landmarks-not-used", "distances-not-measured", "large-displacement", "large-rotation", "bone-overlap", "wide-gap", "mesh-edge-shortened", "cartilage-not-placed", "mesh-pockets", "mesh-prisms-left-out", "mesh-loose-parts", "mouth-parted", "mouth-elsewhere", "globes-placed", "globes-uneven", "globes-not-placed", "mouth-skin-cut", "mouth-not-parted", "mouth-corners", "mouth-depth", "region-lacks-bone", "skin-off-prisms", "mucosa-nodes", "teeth-not-found", "stripped-nodes", "saw-line-nodes", "globe-nodes", "inner-cut-nodes", "paint-without-nodes", "twisted-wedges", "tetrahedra-turned", "no-tissue-array", "no-attachment-array", "coincident-points", "creased-skin", "flattened-skin", "skin-wedges", "unstable-material", "material-not-used", "implausible-stiffness", "stiff-elements", "stiff-smoothed-elements", "materials-replaced", "no-bone-to-slide-on", "no-point-slides", "segment-moves-nothing", "tied-to-still-segment", "held-tied-nodes", "held-inside-bone", "oblique-tangents", "facing-overlap-at-rest", "globe-pressed", "overlap-at-rest", "free-tissue-in-bone", "tissue-through-bone", "tissue-round-rim", "shortened-substeps", "squeezed-elements", "neglected-strain", "inside-out-elements", "lost-ellipticity", "left-out-moves", "size-mismatch", "surfaces-apart", "not-registered", "registration-oscillates", "registration-far", "registration-overlap", "registration-mirrored", "eyes-not-placed", "different-plans", "step-not-compared", "budget-continued", "budget-ended", "budget-missed", "budget-not-studied", "error-not-estimated", "joined-lips", "points-not-measured", "unconfirmed-landmarks", "regions-by-proportions", "made-again", "text", "path-stopped", "no-stresses"]
+WarningCode = Literal["several-series", "several-volumes", "interleaved-stacks", "localizers-left-out", "slices-left-out", "duplicate-images", "one-slice", "tilted-slices", "uneven-slices", "padding-set-to-air", "padding-in-tissue", "decimal-commas", "no-rescale", "rescale-given", "lossy-compression", "files-skipped", "voxels-without-value", "clamped-voxels", "no-air", "bytes-after-voxels", "no-orientation", "sform-differs", "sform-scale-differs", "one-form-not-usable", "directions-not-unit", "anatomical-orientation-differs", "no-unit", "converted-unit", "unusual-size", "landmarks-from-ras", "no-coordinate-system", "landmarks-unit", "landmarks-renamed", "landmarks-not-known", "no-known-landmark", "landmarks-without-side", "doubtful-landmark-name", "landmarks-not-placed", "markups-left-out", "transform-file", "rotation-adjusted", "split-polygons", "faces-left-out", "repeated-vertices", "unused-vertices", "stated-frame", "unclear-frame", "stated-unit", "unclear-unit", "split-vertices", "joined-edges", "repeated-triangles", "second-sides", "turned-triangles", "one-sided-parts", "count-from-length", "bytes-after-triangles", "bytes-after-elements", "cells-without-volume", "points-without-cell", "array-without-numbers", "implausible-size", "levels-from-histogram", "levels-from-thresholds", "head-cut", "chin-cut", "noisy-volume", "airways-closed", "coarser-lattice", "removed-beside-head", "metal", "dense-left-out", "skin-parts-dropped", "bone-pieces-dropped", "open-surface", "duplicate-triangles", "opposed-triangles", "triangles-without-area", "surface-inside-out", "partly-inside-out", "encloses-nothing", "cavities-filled", "envelope-parts-dropped", "surfaces-cross", "surfaces-wrong-frame", "sign-at-open-edges", "sign-at-duplicates", "tolerance-below-rounding", "partial-field", "proposed-landmarks", "landmarks-off-surface", "landmarks-wrong-frame", "landmarks-sides-exchanged", "landmarks-out-of-order", "template-idle", "le-fort-1-steps", "cut-parts-little", "bridges-parted", "fragments-kept", "below-margin", "cut-misses-bone", "bone-not-parted", "plan-not-measured", "landmarks-not-used", "distances-not-measured", "large-displacement", "large-rotation", "bone-overlap", "wide-gap", "mesh-edge-shortened", "cartilage-not-placed", "mesh-pockets", "mesh-prisms-left-out", "mesh-loose-parts", "mouth-parted", "mouth-elsewhere", "globes-placed", "globes-uneven", "globes-not-placed", "mouth-skin-cut", "mouth-not-parted", "mouth-corners", "mouth-depth", "region-lacks-bone", "skin-off-prisms", "mucosa-nodes", "teeth-not-found", "stripped-nodes", "saw-line-nodes", "globe-nodes", "inner-cut-nodes", "paint-without-nodes", "twisted-wedges", "tetrahedra-turned", "no-tissue-array", "no-attachment-array", "coincident-points", "creased-skin", "flattened-skin", "skin-wedges", "unstable-material", "material-not-used", "implausible-stiffness", "stiff-elements", "stiff-smoothed-elements", "materials-replaced", "no-bone-to-slide-on", "no-point-slides", "segment-moves-nothing", "tied-to-still-segment", "held-tied-nodes", "held-inside-bone", "oblique-tangents", "facing-overlap-at-rest", "globe-pressed", "overlap-at-rest", "free-tissue-in-bone", "tissue-through-bone", "tissue-round-rim", "shortened-substeps", "squeezed-elements", "neglected-strain", "inside-out-elements", "lost-ellipticity", "left-out-moves", "size-mismatch", "surfaces-apart", "not-registered", "registration-oscillates", "registration-far", "registration-overlap", "registration-mirrored", "eyes-not-placed", "different-plans", "step-not-compared", "budget-continued", "budget-ended", "budget-missed", "budget-not-studied", "error-not-estimated", "joined-lips", "points-not-measured", "unconfirmed-landmarks", "regions-by-proportions", "made-again", "text", "path-stopped", "no-stresses"]
 
 
 class _WarningDocumentRequired(TypedDict):
@@ -1847,6 +1952,33 @@ class _HingeWaypointRequired(TypedDict):
 
 
 class HingeWaypoint(_HingeWaypointRequired, total=False):
+    matrix: None  # Excluded in this variant.
+    rotation: None  # Excluded in this variant.
+    transform_file: None  # Excluded in this variant.
+    translation_mm: None  # Excluded in this variant.
+
+
+class _MatrixWaypointRequired(TypedDict):
+    # Motion as a 4 × 4 matrix, `matrix[row][column]`, LPS mm, that maps points of the bone from rest to this position.
+    matrix: List[List[float]]
+    t: float  # Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
+
+
+class MatrixWaypoint(_MatrixWaypointRequired, total=False):
+    hinge: None  # Excluded in this variant.
+    rotation: None  # Excluded in this variant.
+    transform_file: None  # Excluded in this variant.
+    translation_mm: None  # Excluded in this variant.
+
+
+class _TransformFileWaypointRequired(TypedDict):
+    t: float  # Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
+    transform_file: TransformFileRequest  # Motion as a file of ITK, 3D Slicer or ANTs.
+
+
+class TransformFileWaypoint(_TransformFileWaypointRequired, total=False):
+    hinge: None  # Excluded in this variant.
+    matrix: None  # Excluded in this variant.
     rotation: None  # Excluded in this variant.
     translation_mm: None  # Excluded in this variant.
 
@@ -1857,9 +1989,11 @@ class _FreeWaypointRequired(TypedDict):
 
 class FreeWaypoint(_FreeWaypointRequired, total=False):
     hinge: None  # Excluded in this variant.
+    matrix: None  # Excluded in this variant.
     rotation: Optional[RotationRequest]  # Rotation; none when absent.
+    transform_file: None  # Excluded in this variant.
     translation_mm: Optional[List[float]]  # Translation, LPS mm, each component -100 to 100: forward is -y, down is -z.
 
 
-# The segment's motion from rest at path parameter `t`: translation and rotation, or a hinge.
-WaypointRequest = Union["HingeWaypoint", "FreeWaypoint"]
+# The segment's motion from rest at path parameter `t`: translation and rotation, a hinge, a matrix, or a transform file.
+WaypointRequest = Union["HingeWaypoint", "MatrixWaypoint", "TransformFileWaypoint", "FreeWaypoint"]

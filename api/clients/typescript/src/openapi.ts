@@ -97,6 +97,7 @@ export interface paths {
          * @description Succeeds when the database answers, the bucket accepts this process and the values that its jobs write, and the service is
          *     not stopping. An unreachable bucket does not count: requests that need no bucket are answered, and jobs wait. Fails with
          *     `storage-full` when the disk has less room than the setting `min_free_mb`; the answer says it before, below four times that.
+         *     Fails while a computation has ignored its stop for more than two seconds, because other jobs wait for its threads.
          */
         get: operations["ready"];
         put?: never;
@@ -606,13 +607,16 @@ export interface paths {
         get?: never;
         /**
          * Upload a CT
-         * @description A DICOM series as a zip archive, NIfTI (plain or gzipped), NRRD (header attached, raw or gzip) or MetaImage (`.mha`, or
-         *     `.mhd` and its voxels in a zip archive). The upload streams to disk; an `import` job extracts skin, skull and air from it.
+         * @description A DICOM series as a zip archive, NIfTI (plain or gzipped), NRRD or MetaImage; a header with its voxels in other files (`.nhdr`,
+         *     `.mhd`, `.hdr`) comes with these in one zip archive. The upload streams to disk; an `import` job extracts skin, skull and air from it.
          *
          *     DICOM files may be in any order and encoding (implicit, explicit, big endian, deflated, RLE, JPEG, JPEG lossless, JPEG-LS,
          *     JPEG 2000). The service stores only the voxels and their lattice, and drops everything that identifies a patient before it
          *     answers. Oblique and sheared (gantry tilt) stacks keep their geometry. Unevenly spaced slices are interpolated up to
-         *     `max_step_mm`; larger steps are refused with the list of steps.
+         *     `max_step_mm`; larger steps are refused with the list of steps. Several acquisitions, time points or phases of one series,
+         *     and several volumes in one archive, are refused with a list, of which `stack` or `volume` chooses one.
+         *
+         *     The body is the file, or a form with one file (`curl -F file=@head.zip`).
          */
         put: operations["putCt"];
         post?: never;
@@ -746,6 +750,13 @@ export interface paths {
          * Set the landmarks
          * @description Landmarks place osteotomy templates, regions of the face and the boxes in which tissue slides. They replace all landmarks
          *     stored before.
+         *
+         *     The body is this document, or a landmark file of 3D Slicer (`.mrk.json` or `.fcsv`), as it is or in a form with one file. The
+         *     service detects it from the bytes, translates labels such as `ANS`, `Pog'` or `Go (L)` to its names, converts RAS to LPS, and
+         *     says so in `notes` and `warnings`. Two labels of one landmark are refused.
+         *
+         *     The answer also has warnings about points that lie off the session's skin or skull, or are not arranged as in a head. Jobs
+         *     repeat them.
          */
         put: operations["putLandmarks"];
         post?: never;
@@ -955,7 +966,7 @@ export interface paths {
         get: operations["getSkin"];
         /**
          * Upload the skin
-         * @description A surface in STL, PLY, OBJ or VTP format, LPS mm. It replaces an earlier upload. The service detects the format from the bytes, else takes it from Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`).
+         * @description A surface in STL, PLY, OBJ or VTP format, LPS mm. It replaces an earlier upload. The service detects the format from the bytes, else takes it from Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`). The body is the file, or a form with one file (`curl -F file=@skin.stl`).
          */
         put: operations["putSkin"];
         post?: never;
@@ -979,7 +990,7 @@ export interface paths {
         get: operations["getSkull"];
         /**
          * Upload the skull
-         * @description A surface in STL, PLY, OBJ or VTP format, LPS mm. It replaces an earlier upload. The service detects the format from the bytes, else takes it from Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`).
+         * @description A surface in STL, PLY, OBJ or VTP format, LPS mm. It replaces an earlier upload. The service detects the format from the bytes, else takes it from Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`). The body is the file, or a form with one file (`curl -F file=@skin.stl`).
          */
         put: operations["putSkull"];
         post?: never;
@@ -1003,7 +1014,7 @@ export interface paths {
         get: operations["getTarget"];
         /**
          * Upload the post-operative skin
-         * @description A surface in STL, PLY, OBJ or VTP format, LPS mm. It replaces an earlier upload. The service detects the format from the bytes, else takes it from Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`).
+         * @description A surface in STL, PLY, OBJ or VTP format, LPS mm. It replaces an earlier upload. The service detects the format from the bytes, else takes it from Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`). The body is the file, or a form with one file (`curl -F file=@skin.stl`).
          */
         put: operations["putTarget"];
         post?: never;
@@ -1381,6 +1392,11 @@ export interface components {
             /** @description Signed error of every prediction vertex, mm; `null` for vertices that do not count. */
             values_mm?: (number | null)[] | null;
         };
+        /**
+         * @description Coordinate system of landmarks in a request.
+         * @enum {string}
+         */
+        CoordinateSystemName: "LPS" | "RAS";
         /** @description Request for a link that needs no token. */
         CreateLink: {
             /**
@@ -1464,6 +1480,24 @@ export interface components {
          * @enum {string}
          */
         Criterion: "stress_sign" | "rising_stress" | "drucker" | "strong_ellipticity";
+        /** @description An accepted CT: its import job, and what was read of it. */
+        CtAccepted: components["schemas"]["JobView"] & {
+            /** @description Size, place and values of the CT, and findings on how it was read. */
+            ct: components["schemas"]["CtDocument"];
+        };
+        /** @description Description of a stored CT. */
+        CtDocument: components["schemas"]["Findings"] & {
+            /**
+             * Format: int64
+             * @description Bytes of the upload.
+             */
+            bytes: number;
+            /** @description Format of the upload: `nifti`, `dicom`, `nrrd`, `metaimage`. */
+            format?: string;
+            /** @description SHA-256 of the upload. */
+            sha256: string;
+            volume?: components["schemas"]["VolumeDocument"] | null;
+        };
         /** @description One cut: exactly one of `plane`, `polyline`, `surface` and `free_part`. */
         CutDocument: {
             /** @description Excluded in this variant. */
@@ -2109,6 +2143,7 @@ export interface components {
              * @description Accuracy of the points, mm, as a note for readers; nothing depends on it.
              */
             accuracy_mm?: number | null;
+            coordinate_system?: components["schemas"]["CoordinateSystemName"] | null;
             frame?: components["schemas"]["LandmarksFrame"] | null;
             le_fort_1_plane?: components["schemas"]["PlacedPlane"] | null;
             /**
@@ -2116,6 +2151,8 @@ export interface components {
              * @description x coordinate of the facial midline, LPS mm.
              */
             midline_x_mm?: number | null;
+            /** @description What was converted or renamed, in answers; absent when there is nothing. Requests may send it back; it is left out. */
+            notes?: components["schemas"]["WarningDocument"][];
             /**
              * Format: double
              * @description z coordinate of the occlusal plane, LPS mm.
@@ -2144,6 +2181,8 @@ export interface components {
             proposed_within_mm?: {
                 [key: string]: number;
             };
+            /** @description What someone should look at, in answers; absent when there is nothing. Requests may send it back; it is left out. */
+            warnings?: components["schemas"]["WarningDocument"][];
         };
         /**
          * @description Frame and unit in which landmarks are stated.
@@ -2174,6 +2213,21 @@ export interface components {
             nodes: number;
             /** @description Number of nodes of the mesh. */
             of_nodes: number;
+        };
+        /** @description Values of air and soft tissue in a CT, in its own units. In Hounsfield units they are -1000 and 40. */
+        LevelsDocument: {
+            /**
+             * Format: double
+             * @description Value of air.
+             */
+            air: number;
+            /** @description Whether the values are Hounsfield units. */
+            in_hu: boolean;
+            /**
+             * Format: double
+             * @description Value of soft tissue.
+             */
+            soft_tissue: number;
         };
         /** @description A link that needs no token. */
         LinkView: {
@@ -2648,15 +2702,19 @@ export interface components {
              */
             segment: number;
         };
-        /** @description Path of one segment, given by waypoints or by `autorotate`. */
+        /** @description Path of one segment, given by waypoints, by `autorotate`, or by its end as a matrix or transform file. */
         PathRequest: {
             /** @description Excluded in this variant. */
             autorotate?: null;
+            /** @description Excluded in this variant. */
+            matrix?: null;
             /**
              * Format: int32
              * @description Moving segment, from 1; segment 0 is fixed.
              */
             segment: number;
+            /** @description Excluded in this variant. */
+            transform_file?: null;
             /**
              * @description 1 to 1000 motions from rest at increasing `t`, the last at `t` = 1.
              *
@@ -2666,11 +2724,39 @@ export interface components {
         } | {
             /** @description Autorotation instead of waypoints. */
             autorotate: components["schemas"]["Autorotate"];
+            /** @description Excluded in this variant. */
+            matrix?: null;
             /**
              * Format: int32
              * @description Moving segment, from 1; segment 0 is fixed.
              */
             segment: number;
+            /** @description Excluded in this variant. */
+            transform_file?: null;
+        } | {
+            /** @description Excluded in this variant. */
+            autorotate?: null;
+            /** @description Position at the end of the path as a 4 × 4 matrix: short for one waypoint at `t` = 1 with this `matrix`. */
+            matrix: number[][];
+            /**
+             * Format: int32
+             * @description Moving segment, from 1; segment 0 is fixed.
+             */
+            segment: number;
+            /** @description Excluded in this variant. */
+            transform_file?: null;
+        } | {
+            /** @description Excluded in this variant. */
+            autorotate?: null;
+            /** @description Excluded in this variant. */
+            matrix?: null;
+            /**
+             * Format: int32
+             * @description Moving segment, from 1; segment 0 is fixed.
+             */
+            segment: number;
+            /** @description Position at the end of the path as a file: short for one waypoint at `t` = 1 with this `transform_file`. */
+            transform_file: components["schemas"]["TransformFileRequest"];
         };
         /** @description Overlap and gap of a segment at a point of its path. */
         PathSample: {
@@ -3869,6 +3955,23 @@ export interface components {
             muscle?: components["schemas"]["MaterialDocument"] | null;
             skin?: components["schemas"]["MaterialDocument"] | null;
         };
+        /**
+         * @description Which way a transform file maps points.
+         * @enum {string}
+         */
+        TransformDirection: "itk" | "forward";
+        /** @description A file with a rigid transform, LPS mm. */
+        TransformFileRequest: {
+            /**
+             * @description Content of the file in base64, at most 1 MB.
+             *
+             *     The service detects the format: ITK text (`.tfm`, `.txt`), ITK HDF5 (`.h5`), MATLAB 4 (`.mat`) as ITK and ANTs write it, JSON of
+             *     ITK (`parameters`, `fixedParameters`, `transformType`) or JSON with a 4 × 4 `matrix`. Deformations, scales, shears and mirror
+             *     images are refused.
+             */
+            base64: string;
+            direction?: components["schemas"]["TransformDirection"] | null;
+        };
         /** @description A job that missed the budget, and that this one continues. */
         TriedDocument: {
             /** @description What it solved. */
@@ -3893,6 +3996,35 @@ export interface components {
          * @enum {string}
          */
         UnstableMaterialName: "report" | "stabilise";
+        /** @description A form with one file, as `curl -F file=@skin.stl` sends it. Settings are query parameters, not fields. */
+        UploadForm: {
+            /**
+             * Format: binary
+             * @description The file; any name will do for the field.
+             */
+            file: string;
+        };
+        /** @description Size, place and values of a CT as it was read. */
+        VolumeDocument: {
+            /** @description Direction in which each axis runs, to the nearest of R, L, A, P, I and S: `LPS` runs left, back and up. */
+            axes: string;
+            /** @description Number of voxels along each axis of the file. */
+            dims: number[];
+            levels?: components["schemas"]["LevelsDocument"] | null;
+            /** @description Largest coordinates of voxel centres, LPS mm. */
+            max_mm: number[];
+            /** @description Smallest coordinates of voxel centres, LPS mm. */
+            min_mm: number[];
+            /**
+             * Format: double
+             * @description Largest angle between an axis and the direction that names it, degrees.
+             */
+            oblique_deg: number;
+            /** @description Distance between voxels along each axis, mm. */
+            spacing_mm: number[];
+            /** @description Smallest and largest value. */
+            values: number[];
+        };
         /**
          * @description Volumetric energy of the volume ratio J; its bulk modulus K gives the Poisson ratio at rest.
          * @enum {string}
@@ -3902,7 +4034,7 @@ export interface components {
          * @description Kind of a finding (`api/warnings.md`).
          * @enum {string}
          */
-        WarningCode: "several-series" | "localizers-left-out" | "slices-left-out" | "duplicate-images" | "one-slice" | "tilted-slices" | "uneven-slices" | "padding-set-to-air" | "padding-in-tissue" | "lossy-compression" | "files-skipped" | "voxels-without-value" | "clamped-voxels" | "no-air" | "bytes-after-voxels" | "no-orientation" | "sform-differs" | "no-unit" | "converted-unit" | "unusual-size" | "split-polygons" | "faces-left-out" | "repeated-vertices" | "unused-vertices" | "bytes-after-triangles" | "bytes-after-elements" | "cells-without-volume" | "points-without-cell" | "array-without-numbers" | "implausible-size" | "airways-closed" | "coarser-lattice" | "removed-beside-head" | "metal" | "dense-left-out" | "skin-parts-dropped" | "bone-pieces-dropped" | "open-surface" | "duplicate-triangles" | "opposed-triangles" | "triangles-without-area" | "surface-inside-out" | "partly-inside-out" | "encloses-nothing" | "cavities-filled" | "envelope-parts-dropped" | "surfaces-cross" | "sign-at-open-edges" | "sign-at-duplicates" | "tolerance-below-rounding" | "partial-field" | "proposed-landmarks" | "template-idle" | "le-fort-1-steps" | "cut-parts-little" | "bridges-parted" | "fragments-kept" | "below-margin" | "cut-misses-bone" | "bone-not-parted" | "plan-not-measured" | "landmarks-not-used" | "distances-not-measured" | "large-displacement" | "large-rotation" | "bone-overlap" | "wide-gap" | "mesh-edge-shortened" | "cartilage-not-placed" | "mesh-pockets" | "mesh-prisms-left-out" | "mesh-loose-parts" | "mouth-parted" | "mouth-elsewhere" | "globes-placed" | "globes-uneven" | "globes-not-placed" | "mouth-skin-cut" | "mouth-not-parted" | "mouth-corners" | "mouth-depth" | "region-lacks-bone" | "skin-off-prisms" | "mucosa-nodes" | "teeth-not-found" | "stripped-nodes" | "saw-line-nodes" | "globe-nodes" | "inner-cut-nodes" | "paint-without-nodes" | "twisted-wedges" | "tetrahedra-turned" | "no-tissue-array" | "no-attachment-array" | "coincident-points" | "creased-skin" | "flattened-skin" | "skin-wedges" | "unstable-material" | "material-not-used" | "implausible-stiffness" | "stiff-elements" | "stiff-smoothed-elements" | "materials-replaced" | "no-bone-to-slide-on" | "no-point-slides" | "segment-moves-nothing" | "tied-to-still-segment" | "held-tied-nodes" | "held-inside-bone" | "oblique-tangents" | "facing-overlap-at-rest" | "globe-pressed" | "overlap-at-rest" | "free-tissue-in-bone" | "tissue-through-bone" | "tissue-round-rim" | "shortened-substeps" | "squeezed-elements" | "neglected-strain" | "inside-out-elements" | "lost-ellipticity" | "left-out-moves" | "size-mismatch" | "surfaces-apart" | "not-registered" | "registration-oscillates" | "registration-far" | "registration-overlap" | "registration-mirrored" | "eyes-not-placed" | "different-plans" | "step-not-compared" | "budget-continued" | "budget-ended" | "budget-missed" | "budget-not-studied" | "error-not-estimated" | "joined-lips" | "points-not-measured" | "unconfirmed-landmarks" | "regions-by-proportions" | "made-again" | "text" | "path-stopped" | "no-stresses";
+        WarningCode: "several-series" | "several-volumes" | "interleaved-stacks" | "localizers-left-out" | "slices-left-out" | "duplicate-images" | "one-slice" | "tilted-slices" | "uneven-slices" | "padding-set-to-air" | "padding-in-tissue" | "decimal-commas" | "no-rescale" | "rescale-given" | "lossy-compression" | "files-skipped" | "voxels-without-value" | "clamped-voxels" | "no-air" | "bytes-after-voxels" | "no-orientation" | "sform-differs" | "sform-scale-differs" | "one-form-not-usable" | "directions-not-unit" | "anatomical-orientation-differs" | "no-unit" | "converted-unit" | "unusual-size" | "landmarks-from-ras" | "no-coordinate-system" | "landmarks-unit" | "landmarks-renamed" | "landmarks-not-known" | "no-known-landmark" | "landmarks-without-side" | "doubtful-landmark-name" | "landmarks-not-placed" | "markups-left-out" | "transform-file" | "rotation-adjusted" | "split-polygons" | "faces-left-out" | "repeated-vertices" | "unused-vertices" | "stated-frame" | "unclear-frame" | "stated-unit" | "unclear-unit" | "split-vertices" | "joined-edges" | "repeated-triangles" | "second-sides" | "turned-triangles" | "one-sided-parts" | "count-from-length" | "bytes-after-triangles" | "bytes-after-elements" | "cells-without-volume" | "points-without-cell" | "array-without-numbers" | "implausible-size" | "levels-from-histogram" | "levels-from-thresholds" | "head-cut" | "chin-cut" | "noisy-volume" | "airways-closed" | "coarser-lattice" | "removed-beside-head" | "metal" | "dense-left-out" | "skin-parts-dropped" | "bone-pieces-dropped" | "open-surface" | "duplicate-triangles" | "opposed-triangles" | "triangles-without-area" | "surface-inside-out" | "partly-inside-out" | "encloses-nothing" | "cavities-filled" | "envelope-parts-dropped" | "surfaces-cross" | "surfaces-wrong-frame" | "sign-at-open-edges" | "sign-at-duplicates" | "tolerance-below-rounding" | "partial-field" | "proposed-landmarks" | "landmarks-off-surface" | "landmarks-wrong-frame" | "landmarks-sides-exchanged" | "landmarks-out-of-order" | "template-idle" | "le-fort-1-steps" | "cut-parts-little" | "bridges-parted" | "fragments-kept" | "below-margin" | "cut-misses-bone" | "bone-not-parted" | "plan-not-measured" | "landmarks-not-used" | "distances-not-measured" | "large-displacement" | "large-rotation" | "bone-overlap" | "wide-gap" | "mesh-edge-shortened" | "cartilage-not-placed" | "mesh-pockets" | "mesh-prisms-left-out" | "mesh-loose-parts" | "mouth-parted" | "mouth-elsewhere" | "globes-placed" | "globes-uneven" | "globes-not-placed" | "mouth-skin-cut" | "mouth-not-parted" | "mouth-corners" | "mouth-depth" | "region-lacks-bone" | "skin-off-prisms" | "mucosa-nodes" | "teeth-not-found" | "stripped-nodes" | "saw-line-nodes" | "globe-nodes" | "inner-cut-nodes" | "paint-without-nodes" | "twisted-wedges" | "tetrahedra-turned" | "no-tissue-array" | "no-attachment-array" | "coincident-points" | "creased-skin" | "flattened-skin" | "skin-wedges" | "unstable-material" | "material-not-used" | "implausible-stiffness" | "stiff-elements" | "stiff-smoothed-elements" | "materials-replaced" | "no-bone-to-slide-on" | "no-point-slides" | "segment-moves-nothing" | "tied-to-still-segment" | "held-tied-nodes" | "held-inside-bone" | "oblique-tangents" | "facing-overlap-at-rest" | "globe-pressed" | "overlap-at-rest" | "free-tissue-in-bone" | "tissue-through-bone" | "tissue-round-rim" | "shortened-substeps" | "squeezed-elements" | "neglected-strain" | "inside-out-elements" | "lost-ellipticity" | "left-out-moves" | "size-mismatch" | "surfaces-apart" | "not-registered" | "registration-oscillates" | "registration-far" | "registration-overlap" | "registration-mirrored" | "eyes-not-placed" | "different-plans" | "step-not-compared" | "budget-continued" | "budget-ended" | "budget-missed" | "budget-not-studied" | "error-not-estimated" | "joined-lips" | "points-not-measured" | "unconfirmed-landmarks" | "regions-by-proportions" | "made-again" | "text" | "path-stopped" | "no-stresses";
         /** @description One finding: what it is, how much it matters, where, and what to do. */
         WarningDocument: {
             /** @description What to do about it; absent when there is nothing. */
@@ -3925,10 +4057,12 @@ export interface components {
             /** @description Translation of the point at the origin, mm. */
             translation_mm: number[];
         };
-        /** @description The segment's motion from rest at path parameter `t`: translation and rotation, or a hinge. */
+        /** @description The segment's motion from rest at path parameter `t`: translation and rotation, a hinge, a matrix, or a transform file. */
         WaypointRequest: {
             /** @description Hinge rotation; excludes `translation_mm` and `rotation`. */
             hinge: components["schemas"]["Hinge"];
+            /** @description Excluded in this variant. */
+            matrix?: null;
             /** @description Excluded in this variant. */
             rotation?: null;
             /**
@@ -3937,16 +4071,59 @@ export interface components {
              */
             t: number;
             /** @description Excluded in this variant. */
+            transform_file?: null;
+            /** @description Excluded in this variant. */
             translation_mm?: null;
         } | {
             /** @description Excluded in this variant. */
             hinge?: null;
+            /**
+             * @description Motion as a 4 × 4 matrix, `matrix[row][column]`, LPS mm, that maps points of the bone from rest to this position.
+             *
+             *     It must turn and shift alone: the last row is 0 0 0 1, and no entry of `RᵀR - 1` exceeds 0.001 (a scale of 1.0005). The
+             *     nearest rotation is used, with a note. It excludes the other forms of a motion.
+             */
+            matrix: number[][];
+            /** @description Excluded in this variant. */
+            rotation?: null;
+            /**
+             * Format: double
+             * @description Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
+             */
+            t: number;
+            /** @description Excluded in this variant. */
+            transform_file?: null;
+            /** @description Excluded in this variant. */
+            translation_mm?: null;
+        } | {
+            /** @description Excluded in this variant. */
+            hinge?: null;
+            /** @description Excluded in this variant. */
+            matrix?: null;
+            /** @description Excluded in this variant. */
+            rotation?: null;
+            /**
+             * Format: double
+             * @description Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
+             */
+            t: number;
+            /** @description Motion as a file of ITK, 3D Slicer or ANTs. It excludes the other forms of a motion. */
+            transform_file: components["schemas"]["TransformFileRequest"];
+            /** @description Excluded in this variant. */
+            translation_mm?: null;
+        } | {
+            /** @description Excluded in this variant. */
+            hinge?: null;
+            /** @description Excluded in this variant. */
+            matrix?: null;
             rotation?: components["schemas"]["RotationRequest"] | null;
             /**
              * Format: double
              * @description Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
              */
             t: number;
+            /** @description Excluded in this variant. */
+            transform_file?: null;
             /** @description Translation, LPS mm, each component -100 to 100: forward is -y, down is -z. Zero when absent. */
             translation_mm?: number[] | null;
         };
@@ -9718,6 +9895,7 @@ export interface operations {
         requestBody: {
             content: {
                 "application/octet-stream": string;
+                "multipart/form-data": components["schemas"]["UploadForm"];
             };
         };
         responses: {
@@ -9818,9 +9996,15 @@ export interface operations {
     putCt: {
         parameters: {
             query?: {
-                /** @description Isosurface level of the skin, HU; it must be below `bone_hu`. -300 when absent. */
+                /**
+                 * @description Isosurface level of the skin, HU, or in the volume's own units when these are others; it must be below `bone_hu`.
+                 *
+                 *     When absent, -300 HU, or what corresponds to it between the peaks of air and soft tissue in a volume of other units.
+                 *
+                 *     It must lie within the values of the volume; the job fails otherwise and names them.
+                 */
                 skin_hu?: number;
-                /** @description Isosurface level of bone, HU; 300 when absent. */
+                /** @description Isosurface level of bone, in the same units; when absent, 300 HU or what corresponds to it. */
                 bone_hu?: number;
                 /** @description Largest geometric error of surface simplification, mm, 0 to 5; 0.1 when absent. */
                 max_error_mm?: number;
@@ -9832,6 +10016,23 @@ export interface operations {
                  *     The largest CT series when absent. The service uses an identifier for this choice only and does not store it.
                  */
                 series?: string;
+                /**
+                 * @description Number from 1 of the stack to read if the series, or a file with four dimensions, has several.
+                 *
+                 *     A stack is an acquisition, a time point, a phase, a reconstruction or a direction. Without this number such an upload is
+                 *     refused, and the refusal lists the stacks.
+                 */
+                stack?: number;
+                /**
+                 * @description Number from 1 of the volume to read if the archive has several that are not DICOM.
+                 *
+                 *     Without this number such an upload is refused, and the refusal lists the volumes.
+                 */
+                volume?: number;
+                /** @description HU per stored number, 0.000001 to 1000000; what the file says when absent. */
+                rescale_slope?: number;
+                /** @description HU of the stored number zero, -1000000 to 1000000; what the file says when absent. */
+                rescale_intercept?: number;
                 /** @description Largest step between uneven DICOM slices that is interpolated, mm, 0.1 to 20; 5 when absent. */
                 max_step_mm?: number;
             };
@@ -9845,10 +10046,11 @@ export interface operations {
         requestBody: {
             content: {
                 "application/octet-stream": string;
+                "multipart/form-data": components["schemas"]["UploadForm"];
             };
         };
         responses: {
-            /** @description The import job. */
+            /** @description The import job, and what was read. */
             202: {
                 headers: {
                     Location?: string;
@@ -9884,7 +10086,7 @@ export interface operations {
                      *       "warnings": []
                      *     }
                      */
-                    "application/json": components["schemas"]["JobView"];
+                    "application/json": components["schemas"]["CtAccepted"];
                 };
             };
             /** @description A problem document. */
@@ -10423,6 +10625,8 @@ export interface operations {
         requestBody: {
             content: {
                 "application/json": components["schemas"]["LandmarksDocument"];
+                "multipart/form-data": components["schemas"]["UploadForm"];
+                "text/csv": string;
             };
         };
         responses: {
@@ -11985,6 +12189,7 @@ export interface operations {
         requestBody: {
             content: {
                 "application/octet-stream": string;
+                "multipart/form-data": components["schemas"]["UploadForm"];
             };
         };
         responses: {
@@ -12151,6 +12356,7 @@ export interface operations {
         requestBody: {
             content: {
                 "application/octet-stream": string;
+                "multipart/form-data": components["schemas"]["UploadForm"];
             };
         };
         responses: {
@@ -12317,6 +12523,7 @@ export interface operations {
         requestBody: {
             content: {
                 "application/octet-stream": string;
+                "multipart/form-data": components["schemas"]["UploadForm"];
             };
         };
         responses: {
@@ -12482,6 +12689,7 @@ export interface operations {
             content: {
                 "application/octet-stream": string;
                 "application/vnd.vtk.vtu": string;
+                "multipart/form-data": components["schemas"]["UploadForm"];
             };
         };
         responses: {

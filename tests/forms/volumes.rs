@@ -65,7 +65,9 @@ fn nifti(volume: &Volume, form: Nifti) -> Vec<u8> {
     let f32_bytes = |v: f32| if form.big_endian { v.to_be_bytes() } else { v.to_le_bytes() };
     let size = 348i32;
     header[..4].copy_from_slice(&if form.big_endian { size.to_be_bytes() } else { size.to_le_bytes() });
-    for (i, v) in [3, volume.dims[0] as i16, volume.dims[1] as i16, volume.dims[2] as i16, 1, 1, 1, 1].into_iter().enumerate() {
+    for (i, v) in
+        [3, volume.dims[0] as i16, volume.dims[1] as i16, volume.dims[2] as i16, 1, 1, 1, 1].into_iter().enumerate()
+    {
         i16_at(&mut header, 40 + 2 * i, v);
     }
     i16_at(&mut header, 70, if form.scaled { 16 } else { 4 });
@@ -138,8 +140,12 @@ fn nrrd(volume: &Volume, ras: bool, encoding: &str) -> Vec<u8> {
 fn meta_header(volume: &Volume, compressed: Option<usize>, data_file: &str) -> String {
     let [i, j, k] = volume.dims;
     let steps = volume.axes.map(|a| a.norm());
-    let matrix: Vec<String> =
-        volume.axes.iter().zip(steps).flat_map(|(a, s)| (a / s).iter().map(|c| format!("{c}")).collect::<Vec<_>>()).collect();
+    let matrix: Vec<String> = volume
+        .axes
+        .iter()
+        .zip(steps)
+        .flat_map(|(a, s)| (a / s).iter().map(|c| format!("{c}")).collect::<Vec<_>>())
+        .collect();
     let numbers = |v: &[f64]| v.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
     let size = compressed.map_or(String::new(), |n| format!("CompressedDataSize = {n}\n"));
     format!(

@@ -53,7 +53,10 @@ impl Scene<'_> {
         let forward = |mm: f64| json!({ "translation_mm": [0, -mm, 0] });
         match kind {
             0 => self.solve(forward(4.0), &json!({ "materials": falling(-10.0 * random.next()) })),
-            1 => self.solve(forward(4.0), &json!({ "materials": falling(-0.2 * random.next()), "unstable_material": "stabilise" })),
+            1 => self.solve(
+                forward(4.0),
+                &json!({ "materials": falling(-0.2 * random.next()), "unstable_material": "stabilise" }),
+            ),
             // Deep into the lower jaw.
             2 => self.solve(json!({ "translation_mm": [0, 0, -20.0 - 10.0 * random.next()] }), &json!({})),
             3 => self.solve(
@@ -117,8 +120,14 @@ fn cancelled_work_lets_go_of_its_threads_wherever_it_is() {
     assert_eq!(server.get("/readyz").status, 200);
     times.sort_by(|a, b| a.0.total_cmp(&b.0));
     let at = |share: f64| times[((times.len() - 1) as f64 * share) as usize];
-    println!("{} cancellations: threads free after p50 {:.3} s, p95 {:.3} s, p100 {:.3} s (kind {})",
-        times.len(), at(0.5).0, at(0.95).0, at(1.0).0, at(1.0).1);
+    println!(
+        "{} cancellations: threads free after p50 {:.3} s, p95 {:.3} s, p100 {:.3} s (kind {})",
+        times.len(),
+        at(0.5).0,
+        at(0.95).0,
+        at(1.0).0,
+        at(1.0).1
+    );
 }
 
 /// Legal constants with which the energy has no minimum: the job ends by itself, near its limit at the latest, and the worker
@@ -150,7 +159,8 @@ fn a_skin_of_random_triangles_ends_with_an_error() {
     let server = Server::start(directory.path(), &[]);
     let session = server.session_with_field();
     let mut random = Random(7);
-    let mut point = || Point::new(200.0 * random.next() - 100.0, 200.0 * random.next() - 100.0, 200.0 * random.next() - 100.0);
+    let mut point =
+        || Point::new(200.0 * random.next() - 100.0, 200.0 * random.next() - 100.0, 200.0 * random.next() - 100.0);
     let corners: Vec<Point> = (0..900).map(|_| point()).collect();
     let triangles = (0..300).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
     let skin = TriMesh::new(corners, triangles).unwrap();
@@ -162,5 +172,9 @@ fn a_skin_of_random_triangles_ends_with_an_error() {
     let (osteotomy, _) = server.cut(&session);
     let mesh = json!({ "osteotomy": osteotomy, "edge_mm": 8.0, "max_wall_s": 120 });
     let ended = server.end(&server.post(&format!("{session}/mesh"), &mesh));
-    assert_eq!((&ended["status"], &ended["problem"]["type"]), (&json!("failed"), &json!("/problems/mesh-not-usable")), "{ended}");
+    assert_eq!(
+        (&ended["status"], &ended["problem"]["type"]),
+        (&json!("failed"), &json!("/problems/mesh-not-usable")),
+        "{ended}"
+    );
 }

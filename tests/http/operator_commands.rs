@@ -283,10 +283,17 @@ fn files_are_checked_without_a_session() {
     let files = &found["files"];
     assert_eq!((&files[0]["kind"], &files[0]["min_mm"][0]), (&json!("surface"), &json!(-110.0)), "{found}");
     assert_eq!(files[0]["notes"][0]["code"], "stated-frame", "{found}");
-    assert_eq!((&files[1]["kind"], &files[1]["points"]["ans"]), (&json!("landmarks"), &json!([-10.0, 20.0, 30.0])), "{found}");
+    assert_eq!(
+        (&files[1]["kind"], &files[1]["points"]["ans"]),
+        (&json!("landmarks"), &json!([-10.0, 20.0, 30.0])),
+        "{found}"
+    );
     assert_eq!((&files[2]["kind"], &files[2]["matrix"][1][3]), (&json!("transform"), &json!(-6.0)), "{found}");
     let text = String::from_utf8(check(&good, &[]).stdout).unwrap();
-    assert!(text.contains("note stated-frame") && text.contains("200.0 mm wide") && text.contains("rigid transform"), "{text}");
+    assert!(
+        text.contains("note stated-frame") && text.contains("200.0 mm wide") && text.contains("rigid transform"),
+        "{text}"
+    );
     let bad = [file("broken.stl", b"solid \0 nothing"), good[0].clone()];
     let refused = check(&bad, &[]);
     assert!(!refused.status.success());

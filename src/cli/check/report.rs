@@ -4,8 +4,8 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use prosopon_contract::{
-    CtDocument, Fault, FaultKind, Findings, LandmarksDocument, OriginKind, SurfaceDocument, SurfaceOrigin, VolumeDocument,
-    import_fault, landmarks_of_file,
+    CtDocument, Fault, FaultKind, Findings, LandmarksDocument, OriginKind, SurfaceDocument, SurfaceOrigin,
+    VolumeDocument, import_fault, landmarks_of_file,
 };
 use prosopon_formats::import::{
     Limits, VolumeSettings, detect_surface, detect_transform, detect_volume, is_legacy_vtk, rigid_motion, surface,

@@ -31,7 +31,10 @@ pub(super) fn write(out: &mut impl Write, report: &FileReport) -> Result<()> {
             for [a, b, c, d] in matrix {
                 writeln!(out, "  {a:>10.6} {b:>10.6} {c:>10.6} {d:>12.4}")?;
             }
-            writeln!(out, "  In ITK's direction it maps the planned place to the present one: a bone moves by its inverse.")
+            writeln!(
+                out,
+                "  In ITK's direction it maps the planned place to the present one: a bone moves by its inverse."
+            )
         }
         Checked::TissueMesh { nodes, tetrahedra, wedges, findings: found } => {
             writeln!(out, "{file}: tissue mesh of {nodes} nodes, {tetrahedra} tetrahedra and {wedges} wedges")?;

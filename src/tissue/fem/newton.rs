@@ -76,11 +76,7 @@ pub(super) fn equilibrate(
 }
 
 /// Outer iteration of the augmented Lagrangian around Newton's method.
-fn augmented(
-    equations: &mut Equations<'_>,
-    x: &mut [Vector],
-    target: Target<'_>,
-) -> Result<Equilibrium, Failure> {
+fn augmented(equations: &mut Equations<'_>, x: &mut [Vector], target: Target<'_>) -> Result<Equilibrium, Failure> {
     let limits = *equations.problem.limits();
     let mut iterations = 0;
     let (mut last_penetration, mut last_gap) = (f64::INFINITY, f64::INFINITY);

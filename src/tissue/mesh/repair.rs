@@ -2,12 +2,12 @@
 
 use rayon::prelude::*;
 
+use super::MeshError;
 use super::adjacency::{Rows, side_by_side};
 use super::domain::{Foot, InnerTissue, Side};
 use super::prisms::PrismLayer;
 use super::stuffing::TetMesh;
 use super::trial::Trial;
-use super::MeshError;
 use super::tuning::{REPAIR_ROUNDS, ROUGH_AFTER_ROUNDS, ROUGH_SHARE, WANTED_JACOBIAN};
 use prosopon_geometry::Point;
 use prosopon_geometry::control::Control;

@@ -21,7 +21,9 @@ pub use event::{
     StepLinks,
 };
 pub(super) use inputs::import_request;
-pub use inputs::{CtAccepted, CtQuery, FieldView, LandmarksQuery, PointQuery, PointValues, SliceAxis, SliceQuery, UploadForm};
+pub use inputs::{
+    CtAccepted, CtQuery, FieldView, LandmarksQuery, PointQuery, PointValues, SliceAxis, SliceQuery, UploadForm,
+};
 pub(super) use job::statuses;
 pub use job::{JobLinks, JobList, JobView};
 pub use link::{CreateLink, LinkView};

@@ -110,11 +110,7 @@ struct Read {
     warnings: Vec<Warning>,
 }
 
-async fn read_ct(
-    service: &Service,
-    key: &str,
-    settings: VolumeSettings,
-) -> Result<Read, Fault> {
+async fn read_ct(service: &Service, key: &str, settings: VolumeSettings) -> Result<Read, Fault> {
     let bytes = service.store.blobs().get(key).await?;
     let limits = service.settings.import;
     service

@@ -200,7 +200,11 @@ fn a_path_round_a_rim_is_distinguished_from_one_through_bone() {
         for (node, a, b) in paths {
             (from[*node], to[*node]) = (*a, *b);
         }
-        contact.passages(Placement { x: &from, motions: &still }, Placement { x: &to, motions: &still }, &Control::new())
+        contact.passages(
+            Placement { x: &from, motions: &still },
+            Placement { x: &to, motions: &still },
+            &Control::new(),
+        )
     };
     let rim = (nodes[0], Vector::new(7.85, 0.0, above), Vector::new(8.15, 0.0, below));
     let middle = (nodes[9], Vector::new(0.0, 0.0, above), Vector::new(0.0, 0.0, below));

@@ -67,7 +67,8 @@ impl Histogram {
     }
 
     /// Number of different values.
-    pub(super) fn n_values(&self) -> usize {
+    #[cfg(test)]
+    fn n_values(&self) -> usize {
         self.counts.iter().filter(|n| **n > 0).count()
     }
 

@@ -223,7 +223,7 @@ fn forms(v: &Volume) -> Vec<Form> {
         form("dicom implicit", series(|s| Series { syntax: Syntax::Implicit, ..s }), &[]),
         form("dicom big endian", series(|s| Series { syntax: Syntax::Big, ..s }), &[]),
         form("dicom, a slope for each slice", series(|s| Series { slope_by_slice: true, ..s }), &[]),
-        form("dicom with decimal commas", series(|s| Series { comma: true, ..s }), &["decimal-comma"]),
+        form("dicom with decimal commas", series(|s| Series { comma: true, ..s }), &["decimal-commas"]),
         form("dicom sagittal", dicom::zipped(&turned([1, 2, 0], [false, true, false]), PLAIN), &[]),
     ]
 }

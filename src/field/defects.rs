@@ -164,6 +164,31 @@ mod tests {
         (p, vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     }
 
+    /// A ball of which many single triangles are missing is refused, one with a single large hole is not.
+    #[test]
+    fn surfaces_of_more_holes_than_surface_are_refused() {
+        let (rings, sectors) = (20u32, 40u32);
+        let point = |i: u32, j: u32| {
+            let (a, b) = (f64::from(i) / f64::from(rings), f64::from(j) / f64::from(sectors));
+            let (a, b) = (std::f64::consts::PI * a, std::f64::consts::TAU * b);
+            Point::new(80.0 * a.sin() * b.cos(), 80.0 * a.sin() * b.sin(), 80.0 * a.cos())
+        };
+        let points: Vec<Point> = (0..=rings).flat_map(|i| (0..sectors).map(move |j| point(i, j))).collect();
+        let at = |i: u32, j: u32| i * sectors + j % sectors;
+        let quads = (1..rings - 1).flat_map(|i| (0..sectors).map(move |j| (i, j)));
+        let all: Vec<[u32; 3]> = quads
+            .flat_map(|(i, j)| [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]])
+            .collect();
+        let check = |triangles: Vec<[u32; 3]>| {
+            let mesh = TriMesh::new(points.clone(), triangles).unwrap();
+            Defects::of(&mesh).rim.check(mesh.bounds().diagonal())
+        };
+        assert!(check(all.clone()).is_ok());
+        assert!(check(all[..all.len() / 2].to_vec()).is_ok(), "half a ball");
+        let holey = all.iter().enumerate().filter(|(t, _)| t % 3 != 0).map(|(_, t)| *t).collect();
+        assert!(check(holey).is_err());
+    }
+
     #[test]
     fn a_closed_surface_has_no_rim_even_when_no_vertex_is_shared() {
         let (p, t) = tetrahedron();

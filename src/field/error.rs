@@ -44,6 +44,17 @@ pub enum FieldError {
     /// The surface encloses nothing.
     #[error("the surface encloses no volume at this spacing; close its holes or use a smaller spacing")]
     NothingInside,
+    /// The surface is more holes than surface.
+    #[error(
+        "the surface has {holes} holes, and all but the largest of them would need {area_cm2:.0} cm² to close: what is inside cannot be \
+         told; export the surface with joined vertices, or fill its holes"
+    )]
+    TooOpen {
+        /// Number of holes.
+        holes: usize,
+        /// Area that would close them, without the largest ones, cm².
+        area_cm2: f64,
+    },
     /// The caller cancelled the work.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),

@@ -276,12 +276,7 @@ fn forms(mesh: &TriMesh, soup: &Soup) -> Vec<Form> {
         form("ply in RAS", plain_ply(&s.clone().in_ras(), "SPACE=RAS"), F32_MM, &["stated-frame"]),
         form("ply, a vertex for each corner", plain_ply(&s.clone().split(), ""), F32_MM, &["split-vertices"]),
         form("ply with a seam", plain_ply(&s.clone().with_seam(), ""), F32_MM, &["split-vertices", "unused-vertices"]),
-        form(
-            "ply, triangles twice",
-            plain_ply(&s.clone().with_duplicates(), ""),
-            F32_MM,
-            &["repeated-triangles"],
-        ),
+        form("ply, triangles twice", plain_ply(&s.clone().with_duplicates(), ""), F32_MM, &["repeated-triangles"]),
         form("ply, another order", plain_ply(&shuffled(), ""), F32_MM, &[]),
         form("obj", obj(&s, "", Corners::Plain), TEXT_MM, &[]),
         form("obj with normals and textures", obj(&s, "", Corners::WithNormals), TEXT_MM, &[]),

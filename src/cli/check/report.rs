@@ -12,6 +12,7 @@ use prosopon_formats::import::{
     transform, volume_mesh, volume_with,
 };
 use prosopon_geometry::{TriMesh, not_solid_reason, surface_report};
+use prosopon_jobs::cut_off_stl;
 use prosopon_planning::evaluate::{EvaluateError, check_skin_and_bone};
 use prosopon_planning::simulate::ReadyMesh;
 use prosopon_study::read_ct;
@@ -139,12 +140,13 @@ fn own_landmarks(bytes: &[u8]) -> Result<LandmarksDocument, Fault> {
 
 fn checked_surface(bytes: &[u8], kept: &mut Option<TriMesh>) -> Result<Checked, Fault> {
     let refused = |error| import_fault(&error, FaultKind::SurfaceNotUsable);
-    let Some(format) = detect_surface(bytes) else {
+    let limits = Limits::default();
+    let Some(format) = detect_surface(bytes).or_else(|| cut_off_stl(bytes, limits.max_triangles)) else {
         let detail = "the format is not recognised; allowed are STL, PLY, OBJ, VTP, VTU, DICOM, NIfTI, NRRD, MetaImage, landmarks and \
                       transforms";
         return Err(Fault::new(FaultKind::UnsupportedFormat, detail));
     };
-    let (mesh, warnings) = surface(bytes, format, &Limits::default()).map_err(refused)?;
+    let (mesh, warnings) = surface(bytes, format, &limits).map_err(refused)?;
     let report = surface_report(&mesh);
     if let Some(detail) = not_solid_reason(&mesh, &report) {
         return Err(Fault::new(FaultKind::SurfaceNotUsable, detail));

@@ -154,7 +154,7 @@ impl From<FieldError> for Halt {
             FieldError::Cancelled(_) => return Self::Cancelled,
             FieldError::Setting { name, .. } => fault.with("setting", name),
             FieldError::TooLarge { samples, allowed, .. } => fault.with("samples", samples).with("allowed", allowed),
-            FieldError::NothingInside | FieldError::BoxOutsideDomain => fault,
+            FieldError::NothingInside | FieldError::TooOpen { .. } | FieldError::BoxOutsideDomain => fault,
         }
         .into()
     }

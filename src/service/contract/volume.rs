@@ -45,7 +45,7 @@ impl From<&Volume> for VolumeDocument {
             .map(|c| (0..3).filter(|axis| c >> axis & 1 == 1).fold(volume.origin, |p, axis| p + last(axis)))
             .collect();
         let bounds = Aabb::of(&corners).unwrap_or(Aabb { min: volume.origin, max: volume.origin });
-        let named = volume.axes.map(|axis| named(&axis));
+        let named = named(&volume.axes);
         let values = volume.hu.iter().fold([i16::MAX, i16::MIN], |[min, max], v| [min.min(*v), max.max(*v)]);
         let levels = |l: Levels| LevelsDocument { air: l.air, soft_tissue: l.soft_tissue, in_hu: l == Levels::HU };
         Self {
@@ -61,11 +61,18 @@ impl From<&Volume> for VolumeDocument {
     }
 }
 
-/// Letter of the direction nearest to `axis`, and the angle to it.
-fn named(axis: &Vector) -> (char, f64) {
-    let along = axis.iamax();
-    let letter = [['R', 'L'], ['A', 'P'], ['I', 'S']][along][usize::from(axis[along] > 0.0)];
-    (letter, (axis[along].abs() / axis.norm()).clamp(0.0, 1.0).acos())
+/// Letters of the directions to which the axes are nearest as a whole, each direction once, and the angles to them.
+fn named(axes: &[Vector; 3]) -> [(char, f64); 3] {
+    const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    let along = |axis: usize, direction: usize| axes[axis][direction] / axes[axis].norm();
+    let fit = |order: &[usize; 3]| -> f64 { (0..3).map(|axis| along(axis, order[axis]).abs()).sum() };
+    let best = ORDERS.into_iter().reduce(|a, b| if fit(&b) > fit(&a) { b } else { a }).unwrap_or([0, 1, 2]);
+    [0, 1, 2].map(|axis| {
+        let direction = best[axis];
+        let share = along(axis, direction);
+        let letter = [['R', 'L'], ['A', 'P'], ['I', 'S']][direction][usize::from(share > 0.0)];
+        (letter, share.abs().clamp(0.0, 1.0).acos())
+    })
 }
 
 /// Description of a stored CT.

@@ -78,6 +78,7 @@ pub(super) fn assemble(
     let mut stack = series::choose(found, settings, warnings)?;
     let mut images = std::mem::take(&mut stack.images);
     if settings.rescale_slope.is_none() && settings.rescale_intercept.is_none() {
+        check_rescale(&images)?;
         warn_of_rescale(&images, warnings);
     }
     for image in &mut images {
@@ -119,6 +120,20 @@ pub(super) fn assemble(
     };
     let volume = Volume { dims, origin: lattice.origin, axes: lattice.axes, hu };
     Ok(Assembled { volume, series: stack.series })
+}
+
+/// Refuses a series in which some images have a rescale and others have none: they would differ by 1024 HU from slice to slice.
+fn check_rescale(images: &[Image]) -> Result<(), ImportError> {
+    let missing = images.iter().filter(|i| i.header.encoding.rescale == Rescale::Missing).count();
+    if missing == 0 || missing == images.len() {
+        return Ok(());
+    }
+    let detail = format!(
+        "{missing} of {} images have no rescale slope or intercept, the others have one; send `rescale_slope` and `rescale_intercept`, \
+         or leave those images out",
+        images.len()
+    );
+    Err(malformed(FORMAT, detail))
 }
 
 /// Warns of images whose header does not say how to convert them to HU.

@@ -6,12 +6,14 @@ use super::tuning::{MIDLINE_MM, MOST_NAMED, ORDER_MM, OUT_OF_PLACE_MM, SIDE_MM};
 use prosopon_geometry::{Point, Vector, Warning};
 
 /// Names from above downwards; each lies above all that follow it in its row.
-const HEIGHTS: [&[&str]; 5] = [
+const HEIGHTS: [&[&str]; 7] = [
     &["nasion", "nasal_bone_tip", "ans", "a_point", "b_point", "pogonion", "menton"],
     &["a_point", "incisor_upper", "b_point"],
     &["glabella", "soft_nasion", "pronasale", "labrale_superius", "stomion", "labrale_inferius", "sublabiale"],
     &["subnasale", "labrale_superius", "stomion_superius", "labrale_inferius", "soft_pogonion", "soft_menton"],
     &["sublabiale", "soft_pogonion", "soft_menton"],
+    &["glabella", "soft_nasion", "pronasale", "soft_pogonion", "soft_menton"],
+    &["glabella", "soft_nasion", "subnasale"],
 ];
 /// Stems of names with sides, from above downwards.
 const SIDE_HEIGHTS: [&[&str]; 2] = [&["frontomalare", "orbitale", "zygomaxillare", "molar"], &["condylion", "gonion"]];

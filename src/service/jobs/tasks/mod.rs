@@ -24,6 +24,6 @@ pub use named_surface::{NamedSurface, face_of, named_surface};
 pub use predictions::Predictions;
 pub use results::{StoredComparison, read_comparison, read_frame, rest_of};
 pub use slice::field_slice;
-pub use surface::take_surface;
+pub use surface::{cut_off_stl, take_surface};
 pub use tissue::take_tissue;
 pub use volume::{CtScan, take_ct};

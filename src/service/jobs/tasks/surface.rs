@@ -66,7 +66,8 @@ async fn take(
 /// Recognises a truncated binary STL file by a plausible number of triangles.
 ///
 /// Reading it as STL then reports what is missing.
-fn cut_off_stl(bytes: &[u8], max_triangles: usize) -> Option<SurfaceFormat> {
+#[must_use]
+pub fn cut_off_stl(bytes: &[u8], max_triangles: usize) -> Option<SurfaceFormat> {
     let count = u32::from_le_bytes(*bytes.get(80..84)?.first_chunk::<4>()?) as usize;
     (1..=max_triangles).contains(&count).then_some(SurfaceFormat::Stl)
 }

@@ -69,6 +69,14 @@ fn grey_values_are_reported_and_a_request_gives_their_scale() {
 }
 
 #[test]
+fn a_series_of_which_some_images_have_no_rescale_is_refused() {
+    let mut slices = near();
+    slices[1].rescaled = false;
+    let refused = refused(&slices);
+    assert!(refused.contains("1 of 5 images have no rescale slope or intercept, the others have one"), "{refused}");
+}
+
+#[test]
 fn padding_beyond_the_stored_bits_becomes_air() {
     // -2000 in words of 16 bits, of which 12 are stored: cut to 12 bits it is 2096, which would be bone.
     let mut slices = near();

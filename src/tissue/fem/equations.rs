@@ -116,8 +116,7 @@ impl<'a> Equations<'a> {
         let is_held = |node: &usize| dofs.conditions()[*node] != Condition::Free;
         let held_mm = positions().filter(is_held).map(moved_sq).fold(0.0, f64::max).sqrt();
         let reach_sq = (held_mm + self.problem.limits().mesh_size_mm).powi(2);
-        // Not `>`: a coordinate may be NaN.
-        positions().any(|node| !(moved_sq(node) <= reach_sq))
+        positions().map(moved_sq).any(|moved_sq| !moved_sq.is_finite() || moved_sq > reach_sq)
     }
 
     /// Lets go of gliding nodes on which bone pulls too much. Returns their number.

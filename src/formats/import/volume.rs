@@ -36,7 +36,6 @@ pub fn volume_with(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> 
 const RIGHT_WITHIN_DEG: f64 = 0.5;
 
 /// Warning about axes that do not stand at right angles.
-#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 fn sheared(volume: &Volume) -> Option<Warning> {
     let [a, b, c] = &volume.axes;
     let off = |u: &Vector, v: &Vector| (90.0 - u.angle(v).to_degrees()).abs();

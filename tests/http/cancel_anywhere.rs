@@ -60,7 +60,7 @@ impl Scene<'_> {
             // Deep into the lower jaw.
             2 => self.solve(json!({ "translation_mm": [0, 0, -20.0 - 10.0 * random.next()] }), &json!({})),
             3 => self.solve(
-                json!({ "rotation": { "axis": [1, 0, 0], "angle_deg": 60.0 + 60.0 * random.next() } }),
+                json!({ "rotation": { "axis_angle": { "axis": [1, 0, 0], "angle_deg": 60.0 + 60.0 * random.next() } } }),
                 &json!({ "locking": "patched" }),
             ),
             4 => {

@@ -83,7 +83,13 @@ fn a_skin_in_ras_is_reported_when_the_skull_comes() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &[]);
     let session = server.session();
-    let (skin, skull) = (surface("skin"), surface("skull"));
+    // Beside the scanner's middle, as real heads lie: about it, the phantom's skull would fit the turned skin.
+    let aside = |p: &Point| Point::new(p.x, p.y + 40.0, p.z);
+    let placed = |part: &str| {
+        let mesh = surface(part);
+        mesh.with_positions(mesh.positions().iter().map(aside).collect()).unwrap()
+    };
+    let (skin, skull) = (placed("skin"), placed("skull"));
     let turned = skin.with_positions(skin.positions().iter().map(ras).collect()).unwrap();
     let put = |part: &str, mesh: &TriMesh| server.upload(&format!("{session}/{part}"), &export::stl(mesh)).ok();
     assert!(codes(&put("skin", &turned)).is_empty());
@@ -91,7 +97,7 @@ fn a_skin_in_ras_is_reported_when_the_skull_comes() {
     assert_eq!(codes(&second), ["surfaces-wrong-frame"], "{second}");
     assert!(second["warnings"][0]["message"].as_str().unwrap().contains("RAS"), "{second}");
     // The landmarks come before the skin that fits: the answer about the skin has what is wrong with them.
-    let points = landmarks(|p| Point::new(p.x, p.y, p.z + 40.0));
+    let points = landmarks(|p| Point::new(p.x, p.y + 40.0, p.z + 40.0));
     server.put_json(&format!("{session}/landmarks"), &points).ok();
     let third = put("skin", &skin);
     assert_eq!(codes(&third), ["landmarks-wrong-frame"], "{third}");

@@ -6,7 +6,7 @@ use prosopon_store::JobId;
 /// A worker without a heartbeat for this long is stuck.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(60);
 /// Stopped work mostly ends within a second; while it holds its threads for longer, other jobs wait.
-const STOP_GRACE: Duration = Duration::from_secs(2);
+const STOP_GRACE: Duration = Duration::from_secs(1);
 /// Time between two looks for stuck work.
 const LOOK_FOR_STUCK: Duration = Duration::from_secs(1);
 

@@ -236,6 +236,8 @@ impl Running {
         while !self.control.is_cancelled() {
             tokio::time::sleep(LOOK_FOR_STOP).await;
         }
+        // From here on the time counts for which the computation ignores the stop.
+        self.stop_seen.get_or_init(Instant::now);
         if self.ending.load(Ordering::Acquire) == CANCEL_REQUESTED {
             tokio::time::sleep(SEES_CANCEL).await;
         } else {

@@ -30,7 +30,7 @@ pub(in crate::http) async fn livez(State(state): State<AppState>) -> Result<&'st
 /// Succeeds when the database answers, the bucket accepts this process and the values that its jobs write, and the service is
 /// not stopping. An unreachable bucket does not count: requests that need no bucket are answered, and jobs wait. Fails with
 /// `storage-full` when the disk has less room than the setting `min_free_mb`; the answer says it before, below four times that.
-/// Fails while a computation has ignored its stop for more than two seconds, because other jobs wait for its threads.
+/// Fails while a computation has ignored its stop for more than a second, because other jobs wait for its threads.
 #[utoipa::path(get, path = "/readyz", operation_id = "ready", tag = "health", responses((status = 200, description = "Ready.", body = String)))]
 pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<String, Problem> {
     if state.service.is_draining() {

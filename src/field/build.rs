@@ -245,7 +245,7 @@ impl DistanceField {
         control: &Control,
     ) -> Result<(Self, Vec<Warning>), FieldError> {
         settings.check()?;
-        exact.defects().rim.check(surface.bounds().diagonal())?;
+        exact.defects().check()?;
         let bounds = surface.bounds().grown(settings.margin_mm);
         let lattice = Lattice::covering(&bounds, settings.spacing_mm, MOST_SAMPLES)
             .map_err(|samples| too_large(settings, samples))?;

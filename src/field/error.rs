@@ -46,14 +46,14 @@ pub enum FieldError {
     NothingInside,
     /// The surface is more holes than surface.
     #[error(
-        "the surface has {holes} holes, and all but the largest of them would need {area_cm2:.0} cm² to close: what is inside cannot be \
-         told; export the surface with joined vertices, or fill its holes"
+        "the surface is open along {open} of its {edges} edges, so that what is inside cannot be told; export the surface with joined \
+         vertices, or fill its holes"
     )]
     TooOpen {
-        /// Number of holes.
-        holes: usize,
-        /// Area that would close them, without the largest ones, cm².
-        area_cm2: f64,
+        /// Number of edges at rims.
+        open: usize,
+        /// Number of all edges.
+        edges: usize,
     },
     /// The caller cancelled the work.
     #[error(transparent)]

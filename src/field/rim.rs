@@ -1,6 +1,5 @@
 //! Rims of holes and sheets, closed by caps.
 
-use super::FieldError;
 use super::ray::winding_before;
 use super::region::Region;
 use super::tree::Tree;
@@ -55,13 +54,6 @@ pub(super) struct Rim {
 
 /// From this many edges on the caps' winding number comes from a tree of dipoles, within about 0.01.
 const MIN_TREE_EDGES: usize = 3000;
-
-/// From this many holes on a surface may be no more than a heap of pieces.
-const MANY_HOLES: usize = 50;
-/// Holes that any surface may have, however large: neck, crown, mouth, eyes.
-const LARGE_HOLES: usize = 5;
-/// Area of the other holes, as a share of the squared diagonal of the surface, above which they are too many. That of a head is 90 cm².
-const MOST_OPEN: f64 = 0.1;
 
 /// Margin below one half that the caps' share of a winding number needs to be harmless.
 const CLEAR_MARGIN: f64 = 1e-9;
@@ -129,18 +121,6 @@ impl Rim {
             Some(Region { elements: hole.edges.len(), area_mm2: hole.area, bounds })
         };
         self.holes.iter().filter(is_open).filter_map(region).collect()
-    }
-
-    /// Refuses a surface of `diagonal` mm whose small holes are as large as itself: the sign would be arbitrary, and each sample
-    /// would be measured to each of them.
-    pub(super) fn check(&self, diagonal: f64) -> Result<(), FieldError> {
-        let mut areas: Vec<f64> = self.holes.iter().map(|hole| hole.area).collect();
-        areas.sort_by(|a, b| b.total_cmp(a));
-        let small: f64 = areas.iter().skip(LARGE_HOLES).sum();
-        if areas.len() >= MANY_HOLES && small > MOST_OPEN * diagonal * diagonal {
-            return Err(FieldError::TooOpen { holes: areas.len(), area_cm2: small / 100.0 });
-        }
-        Ok(())
     }
 
     /// Number of edges.

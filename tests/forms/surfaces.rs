@@ -155,7 +155,7 @@ fn ply(soup: &Soup, code: PlyCode, comment: &str, list: &str, newline: &str) -> 
                 match code {
                     PlyCode::Big => file.extend((*c as f32).to_be_bytes()),
                     PlyCode::LittleDouble => file.extend(c.to_le_bytes()),
-                    _ => file.extend((*c as f32).to_le_bytes()),
+                    PlyCode::Little | PlyCode::Ascii(_) => file.extend((*c as f32).to_le_bytes()),
                 }
             }
             for t in &soup.triangles {

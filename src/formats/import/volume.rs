@@ -3,7 +3,7 @@ use super::error::malformed;
 use super::volume_detect::{UNKNOWN, detect_volume};
 use super::volume_settings::{VolumeFormat, VolumeRead, VolumeSettings};
 use super::{ImportError, Limits, dicom, meta_image, nifti1, nrrd, volume_archive};
-use prosopon_geometry::{Vector, Volume, Warning};
+use prosopon_geometry::{Volume, Warning};
 
 /// Reads a CT volume of any [`VolumeFormat`] and converts it to LPS and Hounsfield units.
 ///
@@ -24,27 +24,8 @@ pub fn volume_with(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> 
             one_file(bytes, format, limits, settings)?
         }
     };
-    // DICOM has its own finding, with the tilt of the gantry.
-    if read.format != VolumeFormat::Dicom {
-        read.warnings.extend(sheared(&read.volume));
-    }
     settings.note_rescale(&mut read.warnings);
     Ok(read)
-}
-
-/// Largest deviation of two axes from a right angle that is round-off, degrees.
-const RIGHT_WITHIN_DEG: f64 = 0.5;
-
-/// Warning about axes that do not stand at right angles.
-fn sheared(volume: &Volume) -> Option<Warning> {
-    let [a, b, c] = &volume.axes;
-    let off = |u: &Vector, v: &Vector| (90.0 - u.angle(v).to_degrees()).abs();
-    let most = off(a, b).max(off(b, c)).max(off(c, a));
-    (most > RIGHT_WITHIN_DEG).then(|| {
-        let found =
-            format!("the axes of the volume deviate by {most:.1}° from right angles; the header's directions are used");
-        Warning::check("tilted-slices", found).act("Check that the head is not sheared.")
-    })
 }
 
 fn one_file(

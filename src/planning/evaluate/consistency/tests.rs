@@ -247,16 +247,9 @@ fn a_target_that_is_not_registered_is_reported_only_in_another_frame() {
     for same in [&head.skin, &after, &target] {
         assert_eq!(of(same), None);
     }
-    type Case = (&'static str, fn(&Point) -> Point, &'static str);
-    let cases: [Case; 3] =
-        [("RAS", ras, "RAS and LPS"), ("cm", |p| p * 0.1, "by 10"), ("µm", |p| p * 1000.0, "by 1000")];
-    for (name, change, text) in cases {
-        // Turned by 180°, a tilted phantom is too much like itself, front to back, to be told from another pose.
-        for target in [&after, &target].into_iter().take(if name == "RAS" { 1 } else { 2 }) {
-            let found = of(&changed(target, change)).unwrap_or_else(|| panic!("{name}: nothing was found"));
-            assert!(found.code == "surfaces-wrong-frame" && found.message.contains(text), "{name}: {found:?}");
-        }
-    }
+    // Turned by 180°, a tilted phantom is too much like itself, front to back, to be told from another pose.
+    let found = of(&changed(&after, ras)).unwrap();
+    assert!(found.code == "surfaces-wrong-frame" && found.message.contains("RAS and LPS"), "{found:?}");
 }
 
 #[test]

@@ -2,8 +2,8 @@
 
 use super::histogram::{Histogram, Peak, Peaks};
 use super::tuning::{
-    AIR_LEVEL_HU, AIR_PEAK_SHARE, AIR_WIDTH, BONE_HU, BONE_STEPS, HU_AIR, HU_SOFT, PADDING_SHARE, SEPARATION, SKIN_HU,
-    SOFT_LEVEL_HU, SOFT_SHARE, SOFT_STEP,
+    AIR_LEVEL_HU, AIR_PEAK_SHARE, AIR_WIDTH, BONE_HU, BONE_STEPS, HU_AIR, HU_SOFT, PADDING_SHARE, PADDING_STEP,
+    SEPARATION, SKIN_HU, SOFT_LEVEL_HU, SOFT_SHARE, SOFT_STEP,
 };
 use prosopon_geometry::Volume;
 
@@ -70,7 +70,11 @@ impl Values {
         let filling = filling(volume, &histogram);
         let all = histogram.peaks();
         let of_all = levels(&all, &histogram);
-        let of_rest = filling.and_then(|value| beside_padding(value, &histogram));
+        // Beside air without noise, the lowest peak that remains is the mixture of air and tissue in one voxel, a little above it.
+        let is_far = |value: i16, rest: &Levels| {
+            (f64::from(value) - rest.air).abs() > PADDING_STEP * (rest.soft_tissue - rest.air)
+        };
+        let of_rest = filling.and_then(|value| beside_padding(value, &histogram).filter(|rest| is_far(value, rest)));
         // The filling of a volume in HU is air without noise, and what remains is the mixture of air and tissue in one voxel.
         let is_padding = of_rest.is_some_and(|rest| rest.are_hu() || !of_all.is_some_and(|all| all.are_hu()));
         let levels = if is_padding { of_rest } else { of_all };

@@ -48,9 +48,12 @@ pub(super) async fn surface_warnings(
     kind: PartKind,
 ) -> Result<Vec<WarningDocument>, Fault> {
     let parts = SessionParts::load(&service.store, session).await?;
-    let is_other = |other: PartKind| match kind {
-        PartKind::Skin => matches!(other, PartKind::Skull | PartKind::Target | PartKind::Bone(_)),
-        _ => other == kind,
+    let is_other = |other: PartKind| {
+        if kind == PartKind::Skin {
+            matches!(other, PartKind::Skull | PartKind::Target | PartKind::Bone(_))
+        } else {
+            other == kind
+        }
     };
     let Some(skin) = small(service, &parts, PartKind::Skin).await? else { return Ok(Vec::new()) };
     let mut others = Vec::new();

@@ -5124,9 +5124,9 @@ export interface operations {
                      *       "jobs": [
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:55:28.230Z",
+                     *           "created_at": "2026-11-28T23:18:11.112Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:55:34.212Z",
+                     *           "finished_at": "2026-11-28T23:18:25.799Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000001",
                      *           "kind": "solve",
                      *           "links": {
@@ -5139,14 +5139,13 @@ export interface operations {
                      *           },
                      *           "notes": [
                      *             {
-                     *               "action": "Use the locking option `patched`.",
-                     *               "code": "stiff-elements",
-                     *               "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *               "code": "overlap-at-rest",
+                     *               "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
                      *               "severity": "info"
                      *             },
                      *             {
-                     *               "code": "overlap-at-rest",
-                     *               "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *               "code": "mucosa-nodes",
+                     *               "message": "165 nodes at teeth and gum glide on bone",
                      *               "severity": "info"
                      *             }
                      *           ],
@@ -5160,11 +5159,17 @@ export interface operations {
                      *             0
                      *           ],
                      *           "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *           "started_at": "2026-11-28T16:55:28.233Z",
+                     *           "started_at": "2026-11-28T23:18:11.118Z",
                      *           "status": "succeeded",
                      *           "step": 2,
                      *           "steps": 2,
                      *           "warnings": [
+                     *             {
+                     *               "action": "Use the locking option `patched`.",
+                     *               "code": "stiff-elements",
+                     *               "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *               "severity": "check"
+                     *             },
                      *             {
                      *               "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
                      *               "code": "joined-lips",
@@ -5175,9 +5180,9 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:55:24.805Z",
+                     *           "created_at": "2026-11-28T23:18:00.415Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:55:27.284Z",
+                     *           "finished_at": "2026-11-28T23:18:09.423Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000004",
                      *           "kind": "mesh",
                      *           "links": {
@@ -5203,7 +5208,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *           "started_at": "2026-11-28T16:55:24.808Z",
+                     *           "started_at": "2026-11-28T23:18:00.423Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -5211,9 +5216,9 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:55:17.481Z",
+                     *           "created_at": "2026-11-28T23:17:44.282Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:55:23.807Z",
+                     *           "finished_at": "2026-11-28T23:17:56.017Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000005",
                      *           "kind": "field",
                      *           "links": {
@@ -5239,7 +5244,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *           "started_at": "2026-11-28T16:55:17.484Z",
+                     *           "started_at": "2026-11-28T23:17:44.297Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -5247,9 +5252,9 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:55:05.717Z",
+                     *           "created_at": "2026-11-28T23:17:23.254Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:55:14.818Z",
+                     *           "finished_at": "2026-11-28T23:17:38.656Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000006",
                      *           "kind": "import",
                      *           "links": {
@@ -5265,8 +5270,8 @@ export interface operations {
                      *               "severity": "info"
                      *             },
                      *             {
-                     *               "code": "removed-beside-head",
-                     *               "message": "36.4 cm³ beside the head or in sheets were left out (head rest, mask, streaks)",
+                     *               "code": "head-cut",
+                     *               "message": "the field of view cuts the head below (106 cm²); skin and bone are closed there by a cap",
                      *               "severity": "info"
                      *             }
                      *           ],
@@ -5276,7 +5281,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000007",
-                     *           "started_at": "2026-11-28T16:55:05.722Z",
+                     *           "started_at": "2026-11-28T23:17:23.276Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -5338,9 +5343,9 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 1,
-                     *       "created_at": "2026-11-28T16:55:28.230Z",
+                     *       "created_at": "2026-11-28T23:18:11.112Z",
                      *       "eta_s": null,
-                     *       "finished_at": "2026-11-28T16:55:34.212Z",
+                     *       "finished_at": "2026-11-28T23:18:25.799Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "kind": "solve",
                      *       "links": {
@@ -5353,14 +5358,13 @@ export interface operations {
                      *       },
                      *       "notes": [
                      *         {
-                     *           "action": "Use the locking option `patched`.",
-                     *           "code": "stiff-elements",
-                     *           "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *           "code": "overlap-at-rest",
+                     *           "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
                      *           "severity": "info"
                      *         },
                      *         {
-                     *           "code": "overlap-at-rest",
-                     *           "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *           "code": "mucosa-nodes",
+                     *           "message": "165 nodes at teeth and gum glide on bone",
                      *           "severity": "info"
                      *         }
                      *       ],
@@ -5374,11 +5378,17 @@ export interface operations {
                      *         0
                      *       ],
                      *       "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *       "started_at": "2026-11-28T16:55:28.233Z",
+                     *       "started_at": "2026-11-28T23:18:11.118Z",
                      *       "status": "succeeded",
                      *       "step": 2,
                      *       "steps": 2,
                      *       "warnings": [
+                     *         {
+                     *           "action": "Use the locking option `patched`.",
+                     *           "code": "stiff-elements",
+                     *           "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *           "severity": "check"
+                     *         },
                      *         {
                      *           "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
                      *           "code": "joined-lips",
@@ -5427,8 +5437,8 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 1,
-                     *       "cancel_requested_at": "2026-11-28T16:55:40.093Z",
-                     *       "created_at": "2026-11-28T16:55:40.087Z",
+                     *       "cancel_requested_at": "2026-11-28T23:18:37.480Z",
+                     *       "created_at": "2026-11-28T23:18:37.456Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -5445,7 +5455,7 @@ export interface operations {
                      *       "queue_position": null,
                      *       "residuals": [],
                      *       "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *       "started_at": "2026-11-28T16:55:40.091Z",
+                     *       "started_at": "2026-11-28T23:18:37.467Z",
                      *       "status": "running",
                      *       "step": 0,
                      *       "steps": 200,
@@ -6292,12 +6302,6 @@ export interface operations {
                      *         "newton_iterations": 2,
                      *         "notes": [
                      *           {
-                     *             "action": "Use the locking option `patched`.",
-                     *             "code": "stiff-elements",
-                     *             "message": "the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
-                     *             "severity": "info"
-                     *           },
-                     *           {
                      *             "code": "overlap-at-rest",
                      *             "message": "1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
                      *             "severity": "info"
@@ -6305,13 +6309,13 @@ export interface operations {
                      *         ],
                      *         "outcome": "converged",
                      *         "phases": {
-                     *           "contact_s": 0.0071,
-                     *           "factor_s": 0.0557,
-                     *           "line_search_s": 0.0071,
-                     *           "residual_s": 0.013,
-                     *           "setup_s": 0.1685,
-                     *           "solve_s": 0.082,
-                     *           "tangent_s": 0.0486
+                     *           "contact_s": 0.014,
+                     *           "factor_s": 0.2274,
+                     *           "line_search_s": 0.0188,
+                     *           "residual_s": 0.0338,
+                     *           "setup_s": 0.3033,
+                     *           "solve_s": 0.2129,
+                     *           "tangent_s": 0.125
                      *         },
                      *         "pulled_off_nodes": 0,
                      *         "reactions": [
@@ -6338,11 +6342,18 @@ export interface operations {
                      *         "substeps": 1,
                      *         "t": 0.5,
                      *         "unknowns": 18324,
-                     *         "wall_s": 0.8282,
-                     *         "warnings": []
+                     *         "wall_s": 2.0599,
+                     *         "warnings": [
+                     *           {
+                     *             "action": "Use the locking option `patched`.",
+                     *             "code": "stiff-elements",
+                     *             "message": "the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *             "severity": "check"
+                     *           }
+                     *         ]
                      *       },
                      *       "event": "step",
-                     *       "id": 6
+                     *       "id": 10
                      *     }
                      */
                     "application/x-ndjson": components["schemas"]["JobEventLine"];
@@ -7375,7 +7386,7 @@ export interface operations {
                      *         },
                      *         "warnings": []
                      *       },
-                     *       "finished_at": "2026-11-28T16:55:34.210Z",
+                     *       "finished_at": "2026-11-28T23:18:25.789Z",
                      *       "format_version": 1,
                      *       "inputs": {
                      *         "landmarks": {
@@ -7384,15 +7395,15 @@ export interface operations {
                      *         },
                      *         "skin": {
                      *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
-                     *           "source_sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *           "source_sha256": "881d819a62e254f5fc11e2d407de568b74d6177fd7ccbda798e67f8feab882e8"
                      *         },
                      *         "skull": {
                      *           "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
-                     *           "source_sha256": "d4215fa63c26ffe3e12d879b2f695d96fbb94277b21e462608ccb4b237710a0a"
+                     *           "source_sha256": "5cdc3d882a2087d709c815e96a53aba47f96c3eba5811a1a78d5a40c13531233"
                      *         },
                      *         "target": {
                      *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
-                     *           "source_sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *           "source_sha256": "881d819a62e254f5fc11e2d407de568b74d6177fd7ccbda798e67f8feab882e8"
                      *         }
                      *       },
                      *       "job": "0197a2c0-0000-7000-8000-000000000001",
@@ -7549,13 +7560,13 @@ export interface operations {
                      *         "warm_start": null
                      *       },
                      *       "phases": {
-                     *         "cut_s": 0.4581,
-                     *         "field_s": 6.1634,
-                     *         "mesh_s": 2.4302,
-                     *         "plan_s": 0.8069,
-                     *         "solve_s": 1.5026,
-                     *         "surfaces_s": 1.7584,
-                     *         "total_s": 13.1195
+                     *         "cut_s": 2.0509,
+                     *         "field_s": 11.47,
+                     *         "mesh_s": 8.7789,
+                     *         "plan_s": 1.4058,
+                     *         "solve_s": 4.2762,
+                     *         "surfaces_s": 1.9633,
+                     *         "total_s": 29.9451
                      *       },
                      *       "plan": {
                      *         "label": null,
@@ -7623,7 +7634,7 @@ export interface operations {
                      *             "segment": 1
                      *           }
                      *         ],
-                     *         "wall_s": 0.8069,
+                     *         "wall_s": 1.4058,
                      *         "warnings": []
                      *       },
                      *       "regions": {
@@ -7698,12 +7709,6 @@ export interface operations {
                      *           "newton_iterations": 2,
                      *           "notes": [
                      *             {
-                     *               "action": "Use the locking option `patched`.",
-                     *               "code": "stiff-elements",
-                     *               "message": "the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
-                     *               "severity": "info"
-                     *             },
-                     *             {
                      *               "code": "overlap-at-rest",
                      *               "message": "1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
                      *               "severity": "info"
@@ -7711,13 +7716,13 @@ export interface operations {
                      *           ],
                      *           "outcome": "converged",
                      *           "phases": {
-                     *             "contact_s": 0.0071,
-                     *             "factor_s": 0.0557,
-                     *             "line_search_s": 0.0071,
-                     *             "residual_s": 0.013,
-                     *             "setup_s": 0.1685,
-                     *             "solve_s": 0.082,
-                     *             "tangent_s": 0.0486
+                     *             "contact_s": 0.014,
+                     *             "factor_s": 0.2274,
+                     *             "line_search_s": 0.0188,
+                     *             "residual_s": 0.0338,
+                     *             "setup_s": 0.3033,
+                     *             "solve_s": 0.2129,
+                     *             "tangent_s": 0.125
                      *           },
                      *           "pulled_off_nodes": 0,
                      *           "reactions": [
@@ -7743,8 +7748,15 @@ export interface operations {
                      *           "substeps": 1,
                      *           "t": 0.5,
                      *           "unknowns": 18324,
-                     *           "wall_s": 0.8282,
-                     *           "warnings": []
+                     *           "wall_s": 2.0599,
+                     *           "warnings": [
+                     *             {
+                     *               "action": "Use the locking option `patched`.",
+                     *               "code": "stiff-elements",
+                     *               "message": "the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *               "severity": "check"
+                     *             }
+                     *           ]
                      *         },
                      *         {
                      *           "active_contacts": 2,
@@ -7759,13 +7771,13 @@ export interface operations {
                      *           "newton_iterations": 3,
                      *           "outcome": "converged",
                      *           "phases": {
-                     *             "contact_s": 0.0086,
-                     *             "factor_s": 0.0605,
-                     *             "line_search_s": 0.0088,
-                     *             "residual_s": 0.0233,
+                     *             "contact_s": 0.019,
+                     *             "factor_s": 0.236,
+                     *             "line_search_s": 0.0502,
+                     *             "residual_s": 0.0959,
                      *             "setup_s": 0,
-                     *             "solve_s": 0.1117,
-                     *             "tangent_s": 0.0575
+                     *             "solve_s": 0.5902,
+                     *             "tangent_s": 0.1551
                      *           },
                      *           "pulled_off_nodes": 0,
                      *           "reactions": [
@@ -7791,16 +7803,22 @@ export interface operations {
                      *           "substeps": 1,
                      *           "t": 1,
                      *           "unknowns": 18324,
-                     *           "wall_s": 0.6384,
+                     *           "wall_s": 2.1005,
                      *           "warnings": []
                      *         }
                      *       ],
-                     *       "version": "0.3.0",
+                     *       "version": "0.4.0",
                      *       "warnings": [
                      *         {
                      *           "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
                      *           "code": "joined-lips",
                      *           "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 2.8 mm",
+                     *           "severity": "check"
+                     *         },
+                     *         {
+                     *           "action": "Use the locking option `patched`.",
+                     *           "code": "stiff-elements",
+                     *           "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
                      *           "severity": "check"
                      *         }
                      *       ]
@@ -8608,8 +8626,8 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "expires_at": "2026-11-28T17:00:34.291Z",
-                     *       "url": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report?link=1795885234.open.wQXsc4fk5h-nmL8weoeheleoH8C-ALXawgRVZVAmP3s"
+                     *       "expires_at": "2026-11-28T23:23:26.145Z",
+                     *       "url": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report?link=1795908206.open.J62UFoN_8a0wngOx-20CDy68s-RFyB2nxZrorKjO5iE"
                      *     }
                      */
                     "application/json": components["schemas"]["LinkView"];
@@ -9195,7 +9213,7 @@ export interface operations {
                      *       "sessions": [
                      *         {
                      *           "bytes": 7002626,
-                     *           "created_at": "2026-11-28T16:55:39.030Z",
+                     *           "created_at": "2026-11-28T23:18:35.958Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000001",
                      *           "jobs": [],
                      *           "label": "ready mesh",
@@ -9209,8 +9227,8 @@ export interface operations {
                      *               "bytes": 5056680,
                      *               "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:55:40.054Z",
-                     *               "wall_s": 0.8789
+                     *               "updated_at": "2026-11-28T23:18:37.335Z",
+                     *               "wall_s": 1.092
                      *             },
                      *             "ct": {
                      *               "bytes": 0,
@@ -9252,7 +9270,7 @@ export interface operations {
                      *               "bytes": 1945946,
                      *               "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:55:39.101Z",
+                     *               "updated_at": "2026-11-28T23:18:36.111Z",
                      *               "wall_s": 0
                      *             }
                      *           },
@@ -9261,14 +9279,14 @@ export interface operations {
                      *         },
                      *         {
                      *           "bytes": 39265768,
-                     *           "created_at": "2026-11-28T16:55:14.823Z",
+                     *           "created_at": "2026-11-28T23:17:38.668Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000002",
                      *           "jobs": [
                      *             {
                      *               "attempt": 1,
-                     *               "created_at": "2026-11-28T16:55:36.643Z",
+                     *               "created_at": "2026-11-28T23:18:31.130Z",
                      *               "eta_s": null,
-                     *               "finished_at": "2026-11-28T16:55:38.999Z",
+                     *               "finished_at": "2026-11-28T23:18:35.855Z",
                      *               "id": "0197a2c0-0000-7000-8000-000000000005",
                      *               "kind": "compare",
                      *               "links": {
@@ -9282,7 +9300,7 @@ export interface operations {
                      *               "queue_position": null,
                      *               "residuals": [],
                      *               "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *               "started_at": "2026-11-28T16:55:36.645Z",
+                     *               "started_at": "2026-11-28T23:18:31.134Z",
                      *               "status": "succeeded",
                      *               "step": 0,
                      *               "steps": 0,
@@ -9290,9 +9308,9 @@ export interface operations {
                      *             },
                      *             {
                      *               "attempt": 1,
-                     *               "created_at": "2026-11-28T16:55:34.313Z",
+                     *               "created_at": "2026-11-28T23:18:26.231Z",
                      *               "eta_s": null,
-                     *               "finished_at": "2026-11-28T16:55:36.612Z",
+                     *               "finished_at": "2026-11-28T23:18:31.015Z",
                      *               "id": "0197a2c0-0000-7000-8000-000000000006",
                      *               "kind": "compare",
                      *               "links": {
@@ -9306,7 +9324,7 @@ export interface operations {
                      *               "queue_position": null,
                      *               "residuals": [],
                      *               "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *               "started_at": "2026-11-28T16:55:34.314Z",
+                     *               "started_at": "2026-11-28T23:18:26.239Z",
                      *               "status": "succeeded",
                      *               "step": 0,
                      *               "steps": 0,
@@ -9330,43 +9348,43 @@ export interface operations {
                      *               "bytes": 827,
                      *               "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:55:23.703Z",
-                     *               "wall_s": 6.1634
+                     *               "updated_at": "2026-11-28T23:17:55.948Z",
+                     *               "wall_s": 11.47
                      *             },
                      *             "field_settings": {
                      *               "bytes": 121,
                      *               "sha256": "3a13923abb70ab8e08a117289f391eda8cb39acbc5846b609815929f6bd5bc4a",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:55:17.476Z",
+                     *               "updated_at": "2026-11-28T23:17:44.271Z",
                      *               "wall_s": 0
                      *             },
                      *             "landmarks": {
                      *               "bytes": 585,
                      *               "sha256": "1f24ddab13a228fcacf7ea19914f1c2d417f3f1ee2c3e36dfeba6220b350e241",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:55:17.468Z",
+                     *               "updated_at": "2026-11-28T23:17:43.232Z",
                      *               "wall_s": 0
                      *             },
                      *             "mesh": {
                      *               "bytes": 1473,
                      *               "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:55:27.279Z",
-                     *               "wall_s": 2.4302
+                     *               "updated_at": "2026-11-28T23:18:09.411Z",
+                     *               "wall_s": 8.7789
                      *             },
                      *             "skin": {
                      *               "bytes": 3918696,
                      *               "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:55:15.673Z",
-                     *               "wall_s": 0.8019
+                     *               "updated_at": "2026-11-28T23:17:39.752Z",
+                     *               "wall_s": 0.9129
                      *             },
                      *             "skull": {
                      *               "bytes": 5056680,
                      *               "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:55:16.687Z",
-                     *               "wall_s": 0.9565
+                     *               "updated_at": "2026-11-28T23:17:41.001Z",
+                     *               "wall_s": 1.0504
                      *             },
                      *             "soft_tissue": {
                      *               "bytes": 0,
@@ -9376,8 +9394,8 @@ export interface operations {
                      *               "bytes": 3918696,
                      *               "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T16:55:17.448Z",
-                     *               "wall_s": 0.7
+                     *               "updated_at": "2026-11-28T23:17:42.657Z",
+                     *               "wall_s": 0.9506
                      *             },
                      *             "tissue": {
                      *               "bytes": 0,
@@ -9436,7 +9454,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "bytes": 0,
-                     *       "created_at": "2026-11-28T16:55:39.030Z",
+                     *       "created_at": "2026-11-28T23:18:35.958Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "jobs": [],
                      *       "label": "ready mesh",
@@ -9530,14 +9548,14 @@ export interface operations {
                     /**
                      * @example {
                      *       "bytes": 30122136,
-                     *       "created_at": "2026-11-28T16:55:14.823Z",
+                     *       "created_at": "2026-11-28T23:17:38.668Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "jobs": [
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:55:28.230Z",
+                     *           "created_at": "2026-11-28T23:18:11.112Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:55:34.212Z",
+                     *           "finished_at": "2026-11-28T23:18:25.799Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000004",
                      *           "kind": "solve",
                      *           "links": {
@@ -9550,14 +9568,13 @@ export interface operations {
                      *           },
                      *           "notes": [
                      *             {
-                     *               "action": "Use the locking option `patched`.",
-                     *               "code": "stiff-elements",
-                     *               "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *               "code": "overlap-at-rest",
+                     *               "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
                      *               "severity": "info"
                      *             },
                      *             {
-                     *               "code": "overlap-at-rest",
-                     *               "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *               "code": "mucosa-nodes",
+                     *               "message": "165 nodes at teeth and gum glide on bone",
                      *               "severity": "info"
                      *             }
                      *           ],
@@ -9571,11 +9588,17 @@ export interface operations {
                      *             0
                      *           ],
                      *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T16:55:28.233Z",
+                     *           "started_at": "2026-11-28T23:18:11.118Z",
                      *           "status": "succeeded",
                      *           "step": 2,
                      *           "steps": 2,
                      *           "warnings": [
+                     *             {
+                     *               "action": "Use the locking option `patched`.",
+                     *               "code": "stiff-elements",
+                     *               "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *               "severity": "check"
+                     *             },
                      *             {
                      *               "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
                      *               "code": "joined-lips",
@@ -9586,9 +9609,9 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:55:24.805Z",
+                     *           "created_at": "2026-11-28T23:18:00.415Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:55:27.284Z",
+                     *           "finished_at": "2026-11-28T23:18:09.423Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000005",
                      *           "kind": "mesh",
                      *           "links": {
@@ -9614,7 +9637,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T16:55:24.808Z",
+                     *           "started_at": "2026-11-28T23:18:00.423Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -9622,9 +9645,9 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T16:55:17.481Z",
+                     *           "created_at": "2026-11-28T23:17:44.282Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T16:55:23.807Z",
+                     *           "finished_at": "2026-11-28T23:17:56.017Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000006",
                      *           "kind": "field",
                      *           "links": {
@@ -9650,7 +9673,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T16:55:17.484Z",
+                     *           "started_at": "2026-11-28T23:17:44.297Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -9674,43 +9697,43 @@ export interface operations {
                      *           "bytes": 827,
                      *           "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:55:23.703Z",
-                     *           "wall_s": 6.1634
+                     *           "updated_at": "2026-11-28T23:17:55.948Z",
+                     *           "wall_s": 11.47
                      *         },
                      *         "field_settings": {
                      *           "bytes": 121,
                      *           "sha256": "3a13923abb70ab8e08a117289f391eda8cb39acbc5846b609815929f6bd5bc4a",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:55:17.476Z",
+                     *           "updated_at": "2026-11-28T23:17:44.271Z",
                      *           "wall_s": 0
                      *         },
                      *         "landmarks": {
                      *           "bytes": 585,
                      *           "sha256": "1f24ddab13a228fcacf7ea19914f1c2d417f3f1ee2c3e36dfeba6220b350e241",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:55:17.468Z",
+                     *           "updated_at": "2026-11-28T23:17:43.232Z",
                      *           "wall_s": 0
                      *         },
                      *         "mesh": {
                      *           "bytes": 1473,
                      *           "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:55:27.279Z",
-                     *           "wall_s": 2.4302
+                     *           "updated_at": "2026-11-28T23:18:09.411Z",
+                     *           "wall_s": 8.7789
                      *         },
                      *         "skin": {
                      *           "bytes": 3918696,
                      *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:55:15.673Z",
-                     *           "wall_s": 0.8019
+                     *           "updated_at": "2026-11-28T23:17:39.752Z",
+                     *           "wall_s": 0.9129
                      *         },
                      *         "skull": {
                      *           "bytes": 5056680,
                      *           "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:55:16.687Z",
-                     *           "wall_s": 0.9565
+                     *           "updated_at": "2026-11-28T23:17:41.001Z",
+                     *           "wall_s": 1.0504
                      *         },
                      *         "soft_tissue": {
                      *           "bytes": 0,
@@ -9720,8 +9743,8 @@ export interface operations {
                      *           "bytes": 3918696,
                      *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:55:17.448Z",
-                     *           "wall_s": 0.7
+                     *           "updated_at": "2026-11-28T23:17:42.657Z",
+                     *           "wall_s": 0.9506
                      *         },
                      *         "tissue": {
                      *           "bytes": 0,
@@ -9846,7 +9869,7 @@ export interface operations {
                      *         "bytes": 10534484,
                      *         "format": "stl",
                      *         "kind": "upload",
-                     *         "sha256": "d4215fa63c26ffe3e12d879b2f695d96fbb94277b21e462608ccb4b237710a0a"
+                     *         "sha256": "5cdc3d882a2087d709c815e96a53aba47f96c3eba5811a1a78d5a40c13531233"
                      *       },
                      *       "self_intersections": 0,
                      *       "triangles": 210688,
@@ -9932,7 +9955,7 @@ export interface operations {
                      *         "bytes": 10534484,
                      *         "format": "stl",
                      *         "kind": "upload",
-                     *         "sha256": "d4215fa63c26ffe3e12d879b2f695d96fbb94277b21e462608ccb4b237710a0a"
+                     *         "sha256": "5cdc3d882a2087d709c815e96a53aba47f96c3eba5811a1a78d5a40c13531233"
                      *       },
                      *       "self_intersections": 0,
                      *       "triangles": 210688,
@@ -10063,7 +10086,46 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T16:55:05.717Z",
+                     *       "created_at": "2026-11-28T23:17:23.254Z",
+                     *       "ct": {
+                     *         "bytes": 3037053,
+                     *         "format": "nifti",
+                     *         "sha256": "22da234a750ce4be3f595e098b4d67cf1199b312804f80ef73836fd0fda0520c",
+                     *         "volume": {
+                     *           "axes": "LPS",
+                     *           "dims": [
+                     *             190,
+                     *             240,
+                     *             95
+                     *           ],
+                     *           "levels": {
+                     *             "air": -1000,
+                     *             "in_hu": true,
+                     *             "soft_tissue": 40
+                     *           },
+                     *           "max_mm": [
+                     *             99.035,
+                     *             124.175,
+                     *             185
+                     *           ],
+                     *           "min_mm": [
+                     *             -91.855,
+                     *             -117.215,
+                     *             -50
+                     *           ],
+                     *           "oblique_deg": 0,
+                     *           "spacing_mm": [
+                     *             1.01,
+                     *             1.01,
+                     *             2.5
+                     *           ],
+                     *           "values": [
+                     *             -1024,
+                     *             3071
+                     *           ]
+                     *         },
+                     *         "warnings": []
+                     *       },
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -10176,8 +10238,8 @@ export interface operations {
                      *       },
                      *       "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
                      *       "state": "ready",
-                     *       "updated_at": "2026-11-28T16:55:23.703Z",
-                     *       "wall_s": 6.1634
+                     *       "updated_at": "2026-11-28T23:17:55.948Z",
+                     *       "wall_s": 11.47
                      *     }
                      */
                     "application/json": components["schemas"]["FieldView"];
@@ -10229,7 +10291,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T16:55:17.481Z",
+                     *       "created_at": "2026-11-28T23:17:44.282Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -10459,7 +10521,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T16:55:28.230Z",
+                     *       "created_at": "2026-11-28T23:18:11.112Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -10785,8 +10847,8 @@ export interface operations {
                      *       },
                      *       "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
                      *       "state": "ready",
-                     *       "updated_at": "2026-11-28T16:55:27.279Z",
-                     *       "wall_s": 2.4302
+                     *       "updated_at": "2026-11-28T23:18:09.411Z",
+                     *       "wall_s": 8.7789
                      *     }
                      */
                     "application/json": components["schemas"]["MeshView"];
@@ -10837,7 +10899,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T16:55:24.805Z",
+                     *       "created_at": "2026-11-28T23:18:00.415Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -10902,7 +10964,7 @@ export interface operations {
                      *         {
                      *           "bone_mm3": 1873416.0807,
                      *           "clearances": [],
-                     *           "created_at": "2026-11-28T16:55:24.790Z",
+                     *           "created_at": "2026-11-28T23:18:00.361Z",
                      *           "cuts": [
                      *             {
                      *               "kerf_mm": 0,
@@ -11027,7 +11089,7 @@ export interface operations {
                      *           "templates": [
                      *             "le_fort_1"
                      *           ],
-                     *           "wall_s": 0.4581,
+                     *           "wall_s": 2.0509,
                      *           "warnings": []
                      *         }
                      *       ]
@@ -11081,7 +11143,7 @@ export interface operations {
                      * @example {
                      *       "bone_mm3": 1873416.0807,
                      *       "clearances": [],
-                     *       "created_at": "2026-11-28T16:55:24.790Z",
+                     *       "created_at": "2026-11-28T23:18:00.361Z",
                      *       "cuts": [
                      *         {
                      *           "kerf_mm": 0,
@@ -11206,7 +11268,7 @@ export interface operations {
                      *       "templates": [
                      *         "le_fort_1"
                      *       ],
-                     *       "wall_s": 0.4581,
+                     *       "wall_s": 2.0509,
                      *       "warnings": []
                      *     }
                      */
@@ -11377,7 +11439,7 @@ export interface operations {
                      * @example {
                      *       "bone_mm3": 1873416.0807,
                      *       "clearances": [],
-                     *       "created_at": "2026-11-28T16:55:24.790Z",
+                     *       "created_at": "2026-11-28T23:18:00.361Z",
                      *       "cuts": [
                      *         {
                      *           "kerf_mm": 0,
@@ -11502,7 +11564,7 @@ export interface operations {
                      *       "templates": [
                      *         "le_fort_1"
                      *       ],
-                     *       "wall_s": 0.4581,
+                     *       "wall_s": 2.0509,
                      *       "warnings": []
                      *     }
                      */
@@ -11639,7 +11701,7 @@ export interface operations {
                      * @example {
                      *       "plans": [
                      *         {
-                     *           "created_at": "2026-11-28T16:55:27.353Z",
+                     *           "created_at": "2026-11-28T23:18:09.584Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000001",
                      *           "label": null,
                      *           "measured": true,
@@ -11707,7 +11769,7 @@ export interface operations {
                      *               "segment": 1
                      *             }
                      *           ],
-                     *           "wall_s": 0.8069,
+                     *           "wall_s": 1.4058,
                      *           "warnings": []
                      *         }
                      *       ]
@@ -11759,7 +11821,7 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "created_at": "2026-11-28T16:55:27.353Z",
+                     *       "created_at": "2026-11-28T23:18:09.584Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "label": null,
                      *       "measured": false,
@@ -11812,7 +11874,7 @@ export interface operations {
                      *           "segment": 1
                      *         }
                      *       ],
-                     *       "wall_s": 0.0008,
+                     *       "wall_s": 0.0007,
                      *       "warnings": []
                      *     }
                      */
@@ -11856,7 +11918,7 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "created_at": "2026-11-28T16:55:27.353Z",
+                     *       "created_at": "2026-11-28T23:18:09.584Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "label": null,
                      *       "measured": true,
@@ -11924,7 +11986,7 @@ export interface operations {
                      *           "segment": 1
                      *         }
                      *       ],
-                     *       "wall_s": 0.8069,
+                     *       "wall_s": 1.4058,
                      *       "warnings": []
                      *     }
                      */
@@ -12003,7 +12065,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "bytes": 7002626,
-                     *       "created_at": "2026-11-28T16:55:39.030Z",
+                     *       "created_at": "2026-11-28T23:18:35.958Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "jobs": [],
                      *       "label": "ready mesh",
@@ -12017,8 +12079,8 @@ export interface operations {
                      *           "bytes": 5056680,
                      *           "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:55:40.054Z",
-                     *           "wall_s": 0.8789
+                     *           "updated_at": "2026-11-28T23:18:37.335Z",
+                     *           "wall_s": 1.092
                      *         },
                      *         "ct": {
                      *           "bytes": 0,
@@ -12060,7 +12122,7 @@ export interface operations {
                      *           "bytes": 1945946,
                      *           "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T16:55:39.101Z",
+                     *           "updated_at": "2026-11-28T23:18:36.111Z",
                      *           "wall_s": 0
                      *         }
                      *       },
@@ -12142,7 +12204,7 @@ export interface operations {
                      *         "bytes": 8163884,
                      *         "format": "stl",
                      *         "kind": "upload",
-                     *         "sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *         "sha256": "881d819a62e254f5fc11e2d407de568b74d6177fd7ccbda798e67f8feab882e8"
                      *       },
                      *       "self_intersections": 0,
                      *       "triangles": 163276,
@@ -12226,7 +12288,7 @@ export interface operations {
                      *         "bytes": 8163884,
                      *         "format": "stl",
                      *         "kind": "upload",
-                     *         "sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *         "sha256": "881d819a62e254f5fc11e2d407de568b74d6177fd7ccbda798e67f8feab882e8"
                      *       },
                      *       "self_intersections": 0,
                      *       "triangles": 163276,
@@ -12309,7 +12371,7 @@ export interface operations {
                      *         "bytes": 10534484,
                      *         "format": "stl",
                      *         "kind": "upload",
-                     *         "sha256": "d4215fa63c26ffe3e12d879b2f695d96fbb94277b21e462608ccb4b237710a0a"
+                     *         "sha256": "5cdc3d882a2087d709c815e96a53aba47f96c3eba5811a1a78d5a40c13531233"
                      *       },
                      *       "self_intersections": 0,
                      *       "triangles": 210688,
@@ -12393,7 +12455,7 @@ export interface operations {
                      *         "bytes": 10534484,
                      *         "format": "stl",
                      *         "kind": "upload",
-                     *         "sha256": "d4215fa63c26ffe3e12d879b2f695d96fbb94277b21e462608ccb4b237710a0a"
+                     *         "sha256": "5cdc3d882a2087d709c815e96a53aba47f96c3eba5811a1a78d5a40c13531233"
                      *       },
                      *       "self_intersections": 0,
                      *       "triangles": 210688,
@@ -12476,7 +12538,7 @@ export interface operations {
                      *         "bytes": 8163884,
                      *         "format": "stl",
                      *         "kind": "upload",
-                     *         "sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *         "sha256": "881d819a62e254f5fc11e2d407de568b74d6177fd7ccbda798e67f8feab882e8"
                      *       },
                      *       "self_intersections": 0,
                      *       "triangles": 163276,
@@ -12560,7 +12622,7 @@ export interface operations {
                      *         "bytes": 8163884,
                      *         "format": "stl",
                      *         "kind": "upload",
-                     *         "sha256": "cd2cf90e5c46f2c6b807fdf1f8ff899600377f1777223b4c7439fbb08ce42569"
+                     *         "sha256": "881d819a62e254f5fc11e2d407de568b74d6177fd7ccbda798e67f8feab882e8"
                      *       },
                      *       "self_intersections": 0,
                      *       "triangles": 163276,

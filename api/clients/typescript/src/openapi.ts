@@ -97,7 +97,7 @@ export interface paths {
          * @description Succeeds when the database answers, the bucket accepts this process and the values that its jobs write, and the service is
          *     not stopping. An unreachable bucket does not count: requests that need no bucket are answered, and jobs wait. Fails with
          *     `storage-full` when the disk has less room than the setting `min_free_mb`; the answer says it before, below four times that.
-         *     Fails while a computation has ignored its stop for more than two seconds, because other jobs wait for its threads.
+         *     Fails while a computation has ignored its stop for more than a second, because other jobs wait for its threads.
          */
         get: operations["ready"];
         put?: never;

@@ -1,5 +1,5 @@
 use crate::Service;
-use prosopon_contract::{Fault, Halt, LandmarksDocument, WarningDocument};
+use prosopon_contract::{Fault, FaultKind, Halt, LandmarksDocument, WarningDocument};
 use prosopon_geometry::{TriMesh, Warning};
 use prosopon_planning::evaluate::GivenLandmarks;
 use prosopon_session::{Case, Engine, OtherSurface, SessionParts, load_mesh};
@@ -83,6 +83,10 @@ pub(super) async fn surface_warnings(
 /// The surface of a part, if there is one and it is not too large.
 async fn small(service: &Service, parts: &SessionParts, kind: PartKind) -> Result<Option<TriMesh>, Fault> {
     let Some(part) = parts.get(kind) else { return Ok(None) };
-    let mesh = load_mesh(&service.store, part).await?;
-    Ok((mesh.triangles().len() <= MOST_TRIANGLES).then_some(mesh))
+    match load_mesh(&service.store, part).await {
+        Ok(mesh) => Ok((mesh.triangles().len() <= MOST_TRIANGLES).then_some(mesh)),
+        // The upload that replaces a damaged part must not fail on it; a job that needs the part reports it.
+        Err(fault) if fault.kind == FaultKind::DamagedValue => Ok(None),
+        Err(fault) => Err(fault),
+    }
 }

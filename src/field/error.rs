@@ -46,7 +46,7 @@ pub enum FieldError {
     NothingInside,
     /// The surface is more holes than surface.
     #[error(
-        "the surface is open along {open} of its {edges} edges, so that what is inside cannot be told; export the surface with joined \
+        "the surface is open along {open} of its {edges} edges, so that inside and outside cannot be distinguished; export the surface with joined \
          vertices, or fill its holes"
     )]
     TooOpen {

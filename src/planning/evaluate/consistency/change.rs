@@ -39,7 +39,7 @@ impl Change {
     /// All changes but none, with those of the signs alone first.
     pub(super) fn all() -> impl Iterator<Item = Self> {
         let units = UNITS.iter().flat_map(|(factor, _)| SIGNS.iter().map(|(signs, _)| (*factor, *signs)));
-        // A mirror image in another unit is too rare to be told from chance.
+        // A mirror image in another unit is so rare that a fit would more likely be chance.
         let likely = |c: &Self| c.factor == 1.0 || c.signs[0] == c.signs[1] && c.signs[2] > 0.0;
         units.map(|(factor, signs)| Self { signs, factor }).skip(1).filter(likely)
     }

@@ -21,14 +21,12 @@ faults = []
 
 def main():
     program, rules, files = sys.argv[1], yaml.safe_load(pathlib.Path(sys.argv[2]).read_text()), sys.argv[3:]
-    key = subprocess.run([program, "auth", "key", "--id", "check"], check=True, capture_output=True, text=True).stdout
-    key_hash = re.search(r'hash = "(.*)"', key)[1]
     for file in files:
         documents = [d for d in yaml.safe_load_all(pathlib.Path(file).read_text()) if d]
         if "services" in documents[0]:
-            compose(program, key_hash, documents[0])
+            compose(program, documents[0])
         else:
-            kubernetes(program, key_hash, documents, rules)
+            kubernetes(program, documents, rules)
     for fault in faults:
         print("check.py: " + fault)
     sys.exit(bool(faults))
@@ -39,8 +37,8 @@ def expect(right, fault):
         faults.append(fault)
 
 
-def compose(program, key_hash, document):
-    values = {"PROSOPON_KEYS": keys(key_hash)}
+def compose(program, document):
+    values = {"PROSOPON_KEYS": keys(program)}
     for name, service in document["services"].items():
         if service["image"] != "prosopon":
             expect(re.search(r":\d+\.\d+", service["image"]), "%s: the image has no fixed version" % name)
@@ -53,11 +51,16 @@ def compose(program, key_hash, document):
             runs(program, name, service["command"], given)
 
 
-def keys(key_hash):
-    return '[{id="front",tenant="hospital-a",scopes=["read","write"],hash="%s"}]' % key_hash
+def keys(program):
+    return '[{id="front",tenant="hospital-a",scopes=["read","write"],hash="%s"}]' % new_hash(program)
 
 
-def kubernetes(program, key_hash, documents, rules):
+def new_hash(program):
+    key = subprocess.run([program, "auth", "key", "--id", "check"], check=True, capture_output=True, text=True).stdout
+    return re.search(r'hash = "(.*)"', key)[1]
+
+
+def kubernetes(program, documents, rules):
     named = {(d["kind"], d["metadata"]["name"]): d for d in documents}
     expect(len(named) == len(documents), "two objects have one name")
     parts = [d for d in documents if d["kind"] in PARTS]
@@ -90,7 +93,7 @@ def kubernetes(program, key_hash, documents, rules):
                     ports = [port["name"] for port in found["spec"]["ports"]]
                     expect(service["port"]["name"] in ports, "%s: no such port of a Service %s" % (what, service["name"]))
     for part in parts:
-        pod(program, key_hash, named, part)
+        pod(program, named, part)
 
 
 def metrics(wanted, rules):
@@ -104,7 +107,7 @@ def metrics(wanted, rules):
             expect('"%s"' % told in source, "the program tells no %s" % told)
 
 
-def pod(program, key_hash, named, part):
+def pod(program, named, part):
     what = "%s %s" % (part["kind"], part["metadata"]["name"])
     spec = part["spec"]["template"]["spec"]
     expect(spec.get("enableServiceLinks") is False, "%s: variables of Services would be read as settings" % what)
@@ -127,7 +130,8 @@ def pod(program, key_hash, named, part):
             expect(secret, "%s: no Secret %s" % (what, source["secretRef"]["name"]))
             given.update(decoded(secret) if secret else {})
         if "PROSOPON_AUTH__KEYS" in given:
-            given["PROSOPON_AUTH__KEYS"] = given["PROSOPON_AUTH__KEYS"].replace('"HASH"', '"%s"' % key_hash)
+            # One hash a key: the program refuses two keys of one token.
+            given["PROSOPON_AUTH__KEYS"] = re.sub('"HASH"', lambda _: '"%s"' % new_hash(program), given["PROSOPON_AUTH__KEYS"])
         files = {}
         for mount in container["volumeMounts"]:
             configmap = volumes.get(mount["name"], {}).get("configMap", {"optional": True})

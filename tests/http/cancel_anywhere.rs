@@ -38,7 +38,15 @@ struct Scene<'a> {
     jaw: Value,
 }
 
-impl Scene<'_> {
+impl<'a> Scene<'a> {
+    /// The phantom with its jaw cut and a coarse mesh.
+    fn new(server: &'a Server) -> Self {
+        let session = server.session_with_field();
+        let (osteotomy, jaw) = server.cut(&session);
+        server.finish(&server.post(&format!("{session}/mesh"), &json!({ "osteotomy": osteotomy, "edge_mm": 8.0 })));
+        Self { server, session, osteotomy, jaw }
+    }
+
     fn solve(&self, motion: Value, more: &Value) -> Reply {
         let mut way = json!({ "t": 1 });
         merge(&mut way, motion);
@@ -96,10 +104,7 @@ fn metric(server: &Server, name: &str) -> f64 {
 fn cancelled_work_lets_go_of_its_threads_wherever_it_is() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &[]);
-    let session = server.session_with_field();
-    let (osteotomy, jaw) = server.cut(&session);
-    server.finish(&server.post(&format!("{session}/mesh"), &json!({ "osteotomy": osteotomy, "edge_mm": 8.0 })));
-    let scene = Scene { server: &server, session, osteotomy, jaw };
+    let scene = Scene::new(&server);
     let mut random = Random(29);
     let mut times: Vec<(f64, usize)> = Vec::new();
     for round in 0..cancellations() {
@@ -136,10 +141,7 @@ fn cancelled_work_lets_go_of_its_threads_wherever_it_is() {
 fn a_material_without_equilibrium_ends_its_own_job_only() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &[]);
-    let session = server.session_with_field();
-    let (osteotomy, jaw) = server.cut(&session);
-    server.finish(&server.post(&format!("{session}/mesh"), &json!({ "osteotomy": osteotomy, "edge_mm": 8.0 })));
-    let scene = Scene { server: &server, session, osteotomy, jaw };
+    let scene = Scene::new(&server);
     for c2_mpa in [-10.0, -0.1] {
         let forward = json!({ "translation_mm": [0, -4, 0] });
         let limited = json!({ "materials": falling(c2_mpa), "max_wall_s": 60 });

@@ -7,7 +7,9 @@ use clap::Args;
 
 use super::super::CommandResult;
 use prosopon_planning::simulate::Mouth;
-use prosopon_study::{AssumptionStudy, BudgetStudy, HeadSource, ModelCase, OperationStudy, ProposalStudy, RatioStudy};
+use prosopon_study::{
+    AssumptionStudy, BudgetStudy, HeadSource, ModelCase, OperationStudy, PoseStudy, ProposalStudy, RatioStudy,
+};
 
 #[derive(Debug, Args)]
 pub(in crate::cli) struct ProposalArguments {
@@ -99,6 +101,23 @@ pub(in crate::cli) struct RatioArguments {
     /// CSV file to write; the chart is written next to it.
     #[arg(long, default_value = "ratios.csv")]
     csv: PathBuf,
+}
+
+/// Heads in other poses.
+#[derive(Debug, Args)]
+pub(in crate::cli) struct PoseArguments {
+    /// Heads: `phantom`, `phantom-long`, `phantom-narrow`, or folders.
+    #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
+    heads: Vec<HeadSource>,
+    /// Number of poses of each head, turned by up to 45° about each axis.
+    #[arg(long, default_value_t = 50)]
+    turns: usize,
+}
+
+impl PoseArguments {
+    pub(super) fn run(&self, out: &mut dyn Write) -> CommandResult {
+        Ok(PoseStudy { heads: &self.heads, turns: self.turns }.run(out)?)
+    }
 }
 
 impl ProposalArguments {

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
-use heads::{AssumptionArguments, BudgetArguments, OperationArguments, ProposalArguments, RatioArguments};
+use heads::{
+    AssumptionArguments, BudgetArguments, OperationArguments, PoseArguments, ProposalArguments, RatioArguments,
+};
 use prosopon_field::{FieldSettings, Method, MethodSettings, Tolerance};
 use prosopon_study::{
     BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy,
@@ -37,6 +39,8 @@ pub(super) enum BenchCommand {
     Ratios(RatioArguments),
     /// Distances of proposed landmarks from known ones.
     Proposals(ProposalArguments),
+    /// Frame of each head, and how far that of the same head in other poses is from it.
+    Poses(PoseArguments),
     /// Time saved and error made by leaving out tissue that a plan hardly moves.
     Reach(ReachArguments),
     /// Time of a session's second job when it starts from the result of the first one.
@@ -352,6 +356,7 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
         },
         BenchCommand::Service(a) => run_service(a, out)?,
         BenchCommand::Proposals(a) => a.run(out)?,
+        BenchCommand::Poses(a) => a.run(out)?,
         BenchCommand::Operations(a) => a.run(out)?,
         BenchCommand::Budget(a) => a.run(out)?,
         BenchCommand::Assumptions(a) => a.run(out)?,

@@ -5,7 +5,7 @@ use sha2::{Digest, Sha256};
 
 use prosopon_contract::{
     CtDocument, Fault, FaultKind, Findings, LandmarksDocument, OriginKind, SurfaceDocument, SurfaceOrigin,
-    VolumeDocument, import_fault, landmarks_of_file,
+    import_fault, landmarks_of_file,
 };
 use prosopon_formats::import::{
     Limits, VolumeSettings, detect_surface, detect_transform, detect_volume, is_legacy_vtk, rigid_motion, surface,
@@ -13,7 +13,7 @@ use prosopon_formats::import::{
 };
 use prosopon_geometry::{TriMesh, not_solid_reason, surface_report};
 use prosopon_jobs::cut_off_stl;
-use prosopon_planning::evaluate::{EvaluateError, check_skin_and_bone};
+use prosopon_planning::evaluate::{EvaluateError, GivenLandmarks, check_landmarks, check_skin_and_bone};
 use prosopon_planning::simulate::ReadyMesh;
 use prosopon_study::read_ct;
 
@@ -84,20 +84,29 @@ impl FileReport {
     }
 }
 
-/// Findings on two surfaces, of which the larger one is taken for the skin: whether the other fits better in another frame or unit.
+/// Findings on up to two surfaces, of which the larger one is taken for the skin, and on the files of landmarks beside them: whether
+/// one fits better in another frame or unit.
 ///
 /// # Errors
 /// When a surface cannot be measured.
 pub(super) fn together(reports: &[FileReport]) -> Result<Findings, EvaluateError> {
-    let surfaces: Vec<(&str, &TriMesh)> =
+    let mut surfaces: Vec<(&str, &TriMesh)> =
         reports.iter().filter_map(|report| Some((report.file.as_str(), report.mesh.as_ref()?))).collect();
-    let [(a, one), (b, other)] = surfaces[..] else { return Ok(Findings::default()) };
-    let size = |mesh: &TriMesh| (mesh.bounds().max - mesh.bounds().min).norm();
-    let found = if size(one) >= size(other) {
-        check_skin_and_bone(one, other, [a, b])?
-    } else {
-        check_skin_and_bone(other, one, [b, a])?
+    surfaces.sort_by(|(_, a), (_, b)| b.bounds().diagonal().total_cmp(&a.bounds().diagonal()));
+    let (skin, bone, mut found) = match surfaces[..] {
+        [(a, skin), (b, bone)] => {
+            (Some(skin), Some(bone), check_skin_and_bone(skin, bone, [a, b])?.into_iter().collect())
+        }
+        // A single surface is compared with landmarks as skin: a skull would have them inside its own box too.
+        [(_, skin)] => (Some(skin), None, Vec::new()),
+        _ => (None, None, Vec::new()),
     };
+    for report in reports {
+        let Checked::Landmarks(landmarks) = &report.checked else { continue };
+        let (points, midline_x_mm) = (landmarks.named_points(), landmarks.midline_x_mm);
+        let given = GivenLandmarks { points: &points, unconfirmed: &landmarks.proposed, midline_x_mm };
+        found.extend(check_landmarks(&given, skin, bone)?);
+    }
     Ok(found.into_iter().collect())
 }
 
@@ -164,13 +173,7 @@ fn checked_surface(bytes: &[u8], kept: &mut Option<TriMesh>) -> Result<Checked, 
 fn checked_volume(bytes: &[u8], settings: &VolumeSettings) -> Result<Checked, Fault> {
     let read = volume_with(bytes, &Limits::default(), settings)
         .map_err(|error| import_fault(&error, FaultKind::VolumeNotUsable))?;
-    Ok(Checked::Ct(CtDocument {
-        sha256: hash(bytes),
-        bytes: bytes.len() as u64,
-        format: read.format.name().to_owned(),
-        volume: Some(VolumeDocument::from(&read.volume)),
-        findings: read.warnings.into_iter().collect(),
-    }))
+    Ok(Checked::Ct(CtDocument::of(&read, hash(bytes), bytes.len() as u64)))
 }
 
 fn checked_transform(bytes: &[u8]) -> Result<Checked, Fault> {

@@ -93,10 +93,12 @@ pub fn build_tissue(
     let reach = settings.globes.then(|| orbit_reach(bone, &bounds)).filter(|reach| !reach.parts.is_empty());
     let needs_proposal = needs_arch || settings.cartilage || reach.is_some();
     let proposal = needs_proposal.then(|| propose(&anatomy.skin, &anatomy.skull));
+    control.check()?;
     let (globes, of_globes) = match (&proposal, &reach) {
         (Some(proposal), Some(reach)) => place_globes(anatomy, proposal, reach, &fields.skin, &fields.bone_field),
         (_, None) | (None, _) => Default::default(),
     };
+    control.check()?;
     let bone_and_globes = WithGlobes { solid: &fields.bone_field, globes };
     let domain = Domain {
         skin: &fields.skin,
@@ -109,6 +111,7 @@ pub fn build_tissue(
     let (skin, skull, landmarks) = (&anatomy.skin, &anatomy.skull, anatomy.landmarks.as_slice());
     let (slit, warnings) = find(&Face { skin, skull, bone: domain.bone, air, landmarks }, &settings.mouth);
     let (slit, mut found) = inside(slit, warnings, &bounds);
+    control.check()?;
     let part = control.stage(0.0, 0.95);
     let (built, slit) = match (build_parted(&domain, slit.as_ref(), &settings.mesh, &part), slit) {
         (Err(error @ MeshError::Inverted { .. }), Some(_)) => {

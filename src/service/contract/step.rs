@@ -66,9 +66,9 @@ pub struct StepDocument {
     pub min_det_f: f64,
     /// Largest penetration of a contact point, mm.
     pub max_penetration_mm: f64,
-    /// Largest penetration of free boundary nodes into bone beyond that at rest, mm.
+    /// Largest penetration of boundary nodes that no bone holds into bone beyond that at rest, mm.
     ///
-    /// Contact acts on sliding nodes only.
+    /// Contact does not act on free nodes, and at points of faces only: beside sharp edges nodes lie deeper than these.
     #[serde(default)]
     pub free_penetration_mm: f64,
     /// Largest change of distance between bone and tissue that glides on it, mm.

@@ -2,7 +2,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::warning::Findings;
-use prosopon_geometry::{Aabb, Point, Vector, Volume};
+use prosopon_formats::import::VolumeRead;
+use prosopon_geometry::{Aabb, Point, Vector, Volume, Warning};
 use prosopon_planning::surface::{Levels, levels_of};
 
 /// Size, place and values of a CT as it was read.
@@ -93,6 +94,40 @@ pub struct CtDocument {
     pub findings: Findings,
 }
 
+impl CtDocument {
+    /// The description of an upload of `bytes` bytes.
+    pub fn of(read: &VolumeRead, sha256: String, bytes: u64) -> Self {
+        let mut warnings = read.warnings.clone();
+        if !warnings.iter().any(|w| w.code == TILTED) {
+            warnings.extend(sheared(&read.volume.axes));
+        }
+        Self {
+            sha256,
+            bytes,
+            format: read.format.name().to_owned(),
+            volume: Some(VolumeDocument::from(&read.volume)),
+            findings: warnings.into_iter().collect(),
+        }
+    }
+}
+
+/// Code of the warning about slices that do not lie straight above each other, also of the reader of DICOM.
+const TILTED: &str = "tilted-slices";
+/// A smaller deviation from right angles comes from rounding, degrees.
+const SHEARED_DEG: f64 = 0.5;
+
+/// A warning where the axes of a volume do not stand at right angles, which a scanner makes by a tilted gantry only.
+fn sheared(axes: &[Vector; 3]) -> Option<Warning> {
+    let off = |a: &Vector, b: &Vector| (90.0 - a.angle(b).to_degrees()).abs();
+    let [i, j, k] = axes;
+    let deg = off(i, j).max(off(i, k)).max(off(j, k));
+    let found = format!(
+        "the axes of the volume are {deg:.1}° off right angles: the volume is sheared, and is read as its header states it"
+    );
+    let action = "Check that the head is not sheared: convert a scan with a tilted gantry from its DICOM images.";
+    (deg > SHEARED_DEG).then(|| Warning::check(TILTED, found).act(action))
+}
+
 /// Format of records without one: they were all NIfTI.
 fn nifti() -> String {
     "nifti".to_owned()
@@ -101,6 +136,7 @@ fn nifti() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use prosopon_formats::import::VolumeFormat;
 
     #[test]
     fn a_tilted_volume_is_described_in_letters_and_millimetres() {
@@ -111,6 +147,22 @@ mod tests {
         assert_eq!((found.axes.as_str(), found.spacing_mm.map(|s| (s * 1e9).round() / 1e9)), ("RSP", [0.5, 2.0, 1.0]));
         assert!((found.oblique_deg - 10.0).abs() < 1e-9);
         assert_eq!((found.min_mm[0], found.max_mm[0], found.values), (0.0, 1.0, [-1000, -1000]));
+    }
+
+    #[test]
+    fn axes_off_right_angles_give_one_warning() {
+        let skew = Vector::new(0.0, 5f64.to_radians().tan(), 1.0) * 2.0;
+        assert!(sheared(&[Vector::x(), Vector::y(), skew]).unwrap().message.contains("5.0° off"));
+        assert_eq!(sheared(&[Vector::x(), Vector::y(), Vector::new(0.0, 0.005, 1.0)]), None);
+        let volume =
+            Volume { dims: [2; 3], origin: Point::origin(), axes: [Vector::x(), Vector::y(), skew], hu: vec![0; 8] };
+        let mut read = VolumeRead { volume, format: VolumeFormat::Nrrd, series: None, warnings: Vec::new() };
+        let codes = |read: &VolumeRead| -> Vec<String> {
+            CtDocument::of(read, String::new(), 8).findings.warnings.iter().map(|w| w.code.clone()).collect()
+        };
+        assert_eq!(codes(&read), [TILTED]);
+        read.warnings.push(Warning::check(TILTED, "by the reader of DICOM"));
+        assert_eq!(codes(&read), [TILTED]);
     }
 
     #[test]

@@ -99,7 +99,7 @@ impl StepOutcome {
     }
 }
 
-/// Boundary points on which contact does not act and that lie deeper in bone than at rest.
+/// Boundary points that no bone holds, free or beside points of contact, and that lie deeper in bone than at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BonePenetration {
     /// Depth of the deepest point, relative to rest, mm.

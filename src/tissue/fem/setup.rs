@@ -104,7 +104,7 @@ impl Prepared {
         let touching = !bodies.is_empty();
         let relaxes = settings.model == Model::MassTensor;
         let guarded = if touching { contact_nodes(mesh) } else { Vec::new() };
-        let noncontact = if touching { noncontact_points(mesh, &guarded) } else { Vec::new() };
+        let noncontact = if touching { noncontact_points(mesh) } else { Vec::new() };
         let last = if relaxes { Vec::new() } else { last_nodes(mesh, guarded) };
         let dofs = Dofs::new(mesh, boundary, elements.surface.as_ref(), &coupled, &last)?;
         if dofs.n_unknown() == 0 {

@@ -91,6 +91,7 @@ pub(super) fn assemble(
         None => error,
     };
     let layout = stack::layout(&images, settings.max_step_mm, warnings).map_err(advised)?;
+    warnings.extend(stack::gaps(&images, &layout, stack.several.is_none() && settings.stack.is_none()));
     let Some(Image { header, plane, .. }) = images.first() else {
         return Err(malformed(FORMAT, "there are no images"));
     };

@@ -2,6 +2,7 @@
 
 use super::FORMAT;
 use super::image::{Image, height};
+use super::labels::{Attribute, Labels};
 use crate::import::ImportError;
 use crate::import::error::malformed;
 use prosopon_geometry::{Point, Vector, Warning};
@@ -14,6 +15,8 @@ const MAX_UNEVENNESS: f64 = 0.05;
 const MAX_SIDEWAYS: f64 = 0.5;
 /// A tilt of the stack above this gives a warning, degrees.
 const REPORTED_TILT_DEG: f64 = 0.5;
+/// Largest distance of slices as a share of their thickness that counts as without gaps.
+const WIDEST_STEP: f64 = 1.4;
 /// Most steps that an error lists.
 const LISTED: usize = 60;
 
@@ -97,6 +100,42 @@ pub(super) fn layout(
     let distances: Vec<f64> = kept.iter().map(|(h, _)| (h - low) * slope.norm()).collect();
     let Spacing { step_mm, uneven, depth } = spacing(&distances, max_step_mm, warnings)?;
     Ok(StackLayout { slices, duplicates, origin, step: slope.normalize() * step_mm, uneven, depth })
+}
+
+/// A warning where evenly spaced slices leave out a part of the body, as when every second image was lost on the way.
+///
+/// `alone`: the series has no other stack, with which the numbers of its images could alternate.
+#[expect(clippy::arithmetic_side_effects, reason = "floating point, and a remainder by a number that is not zero")]
+pub(super) fn gaps(images: &[Image], layout: &StackLayout, alone: bool) -> Option<Warning> {
+    let plane = images.first()?.plane;
+    let step_mm = layout.step.dot(&plane.along_row.cross(&plane.along_column).normalize()).abs();
+    let slices: Vec<&Image> = layout.slices.iter().filter_map(|at| images.get(*at)).collect();
+    let labels = || slices.iter().map(|image| &image.header.labels);
+    let thickness = |labels: &Labels| labels.get(Attribute::Thickness)?.number;
+    let thickest = labels().filter_map(thickness).fold(0.0, f64::max);
+    let mut numbers: Vec<i64> = labels().filter_map(|labels| labels.instance).collect();
+    numbers.sort_unstable();
+    let between = numbers.windows(2).filter_map(|pair| pair.get(1)?.checked_sub(*pair.first()?));
+    let divisor = |mut a: i64, mut b: i64| {
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    let stride = if alone && numbers.len() == slices.len() { between.fold(0, divisor) } else { 1 };
+    let is_thin = thickest > 0.0 && step_mm > WIDEST_STEP * thickest;
+    if !is_thin && (thickest > 0.0 || stride < 2) {
+        return None;
+    }
+    let thin = if is_thin { format!("slices of {thickest:.2} mm lie {step_mm:.2} mm apart") } else { String::new() };
+    let strided =
+        if stride > 1 { format!("the numbers of the images run in steps of {stride}") } else { String::new() };
+    let and = if thin.is_empty() || strided.is_empty() { "" } else { ", and " };
+    let found = format!("{thin}{and}{strided}: slices may be missing; what lies between is interpolated linearly");
+    Some(
+        Warning::check("gaps-between-slices", found)
+            .act("Compare the number of images with the scanner's, and send all of them."),
+    )
 }
 
 fn warn_of_tilt(slope: &Vector, warnings: &mut Vec<Warning>) {

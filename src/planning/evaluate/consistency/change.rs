@@ -46,7 +46,12 @@ impl Change {
 
     /// Changes after which something `size` times as large as the other has a likely size.
     pub(super) fn of_size(size: f64) -> impl Iterator<Item = Self> {
-        Self::all().filter(move |c| (LIKELY_SIZES[0]..LIKELY_SIZES[1]).contains(&(size * c.factor)))
+        Self::all().filter(move |c| c.is_likely(size))
+    }
+
+    /// Whether something `size` times as large as the other has a likely size after it.
+    pub(super) fn is_likely(&self, size: f64) -> bool {
+        (LIKELY_SIZES[0]..LIKELY_SIZES[1]).contains(&(size * self.factor))
     }
 
     /// The change of unit by which `size`, relative to a likely one, becomes 1 within a third.

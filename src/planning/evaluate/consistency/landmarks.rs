@@ -50,13 +50,15 @@ pub fn check_landmarks(
     let mean_mm = places.iter().map(|p| p.distance.mm).sum::<f64>() / places.len().max(1) as f64;
     // Points shifted along a face stay near it one by one, but not all together.
     let is_doubtful = places.len() >= FEWEST_SHIFTED && mean_mm > DOUBTFUL_MEAN_MM;
-    let affected = affected(&places);
     let meshes: Vec<&TriMesh> = skin.into_iter().chain(bone).collect();
-    let found = if is_gross || is_doubtful {
-        cause(&surfaces, &affected, pose.as_ref(), &meshes).filter(|c| is_gross || c.is_plain())
-    } else {
-        None
-    };
+    let moved_by =
+        |judged: &[Judged<'_>]| cause(&surfaces, judged, pose.as_ref(), &meshes).filter(|c| is_gross || c.is_plain());
+    let mut affected = affected(&places);
+    let mut found = if is_gross || is_doubtful { moved_by(&affected) } else { None };
+    if found.is_none() && affected.len() < places.len() && is_doubtful {
+        affected = places.iter().map(|p| p.judged).collect();
+        found = moved_by(&affected);
+    }
     let mut warnings = Vec::new();
     if found.is_some() || !off.is_empty() {
         warnings.push(off_surface(

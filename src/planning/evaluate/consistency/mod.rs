@@ -22,3 +22,5 @@ pub use nesting::check_skin_and_bone;
 pub use skins::check_two_skins;
 
 pub(super) use known::{Tissue, known};
+pub(super) use pose::Pose;
+pub(super) use samples::spread;

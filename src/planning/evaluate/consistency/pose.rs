@@ -12,11 +12,11 @@ const CORE_MM: f64 = 4.0;
 
 /// Place, turn and size of the average head that lies best on landmarks.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pose {
+pub(in crate::evaluate) struct Pose {
     turn: Matrix3<f64>,
     shift: Vector,
     /// Size relative to that of an average adult in mm.
-    pub(super) size: f64,
+    pub(in crate::evaluate) size: f64,
 }
 
 impl Pose {
@@ -24,7 +24,7 @@ impl Pose {
     ///
     /// The sides' names and a mirror image do not change it. A minority of misplaced points hardly does. `None` for fewer than
     /// three points, or for points on a line.
-    pub(super) fn of(points: &[(String, Point)]) -> Option<Self> {
+    pub(in crate::evaluate) fn of(points: &[(String, Point)]) -> Option<Self> {
         let pairs = middles(points);
         if pairs.len() < 3 {
             return None;
@@ -54,8 +54,18 @@ impl Pose {
     }
 
     /// Where the point `q` of the average head lies.
-    pub(super) fn place(&self, q: &Point) -> Point {
+    pub(in crate::evaluate) fn place(&self, q: &Point) -> Point {
         Point::from(self.turn * q.coords * self.size + self.shift)
+    }
+
+    /// Mean distance of the points of the midline, and of the middles of pairs, from those of the average head, mm of that head.
+    ///
+    /// The sixth that lies farthest does not count.
+    pub(in crate::evaluate) fn unlike_mm(&self, points: &[(String, Point)]) -> f64 {
+        let mut off: Vec<f64> = middles(points).iter().map(|(q, p)| (self.place(q) - p).norm() / self.size).collect();
+        off.sort_by(f64::total_cmp);
+        off.truncate(off.len() - off.len() / 6);
+        off.iter().sum::<f64>() / off.len().max(1) as f64
     }
 
     /// Unit vector to the head's left.
@@ -69,7 +79,7 @@ impl Pose {
     }
 
     /// Unit vector upwards in the head.
-    pub(super) fn up(&self) -> Vector {
+    pub(in crate::evaluate) fn up(&self) -> Vector {
         self.turn.column(2).into()
     }
 

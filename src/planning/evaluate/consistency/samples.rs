@@ -3,7 +3,7 @@
 use prosopon_geometry::{Point, TriMesh};
 
 /// About `count` points of `mesh`, each for the same area; the same points for the same mesh.
-pub(super) fn spread(mesh: &TriMesh, count: usize) -> Vec<Point> {
+pub(in crate::evaluate) fn spread(mesh: &TriMesh, count: usize) -> Vec<Point> {
     let n = mesh.triangles().len();
     let total: f64 = (0..n).map(|t| mesh.scaled_normal(t).norm()).sum();
     if total.is_nan() || total <= 0.0 {

@@ -4,7 +4,10 @@ use rayon::prelude::*;
 
 use super::change::Change;
 use super::samples::spread;
-use super::tuning::{ALIKE_MM, BETTER_SHARE, FIT_ITERATIONS, FITTED_SHARE, SAME_HEAD_MM, SKIN_SAMPLES};
+use super::tuning::{
+    ALIKE_MM, BETTER_SHARE, BEYOND_SYMMETRY_MM, FIT_ITERATIONS, FITTED_SHARE, MIRRORED_SHARE, SAME_HEAD_MM,
+    SKIN_SAMPLES,
+};
 use crate::evaluate::EvaluateError;
 use crate::evaluate::distance::Surface;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector, Warning};
@@ -25,21 +28,25 @@ pub fn check_two_skins(skin: &TriMesh, other: &TriMesh, names: [&str; 2]) -> Res
         return Ok(None);
     }
     let fitted = |change: &Change| fit_mm(&surface, skin, &change.of(&points));
-    let given = fitted(&Change::NONE);
-    if given <= SAME_HEAD_MM {
+    let size = other.bounds().diagonal() / skin.bounds().diagonal();
+    // A tiny skin lies close to a piece of any other.
+    let given = if Change::NONE.is_likely(size) { fitted(&Change::NONE) } else { f64::INFINITY };
+    if given <= BEYOND_SYMMETRY_MM {
         return Ok(None);
     }
-    let size = other.bounds().diagonal() / skin.bounds().diagonal();
     let fits: Vec<(Change, f64)> = Change::of_size(size).map(|c| (c, fitted(&c))).collect();
     let best = fits.iter().map(|(_, mm)| *mm).fold(f64::INFINITY, f64::min);
-    let far_better = |mm: f64| mm <= SAME_HEAD_MM && mm <= BETTER_SHARE * given;
+    let limit = if given <= SAME_HEAD_MM { MIRRORED_SHARE } else { BETTER_SHARE };
+    let far_better = |mm: f64| mm <= SAME_HEAD_MM && mm <= limit * given;
     // Of changes that fit alike, as mirror images of a symmetric face do, the first is the likeliest.
     let likeliest = fits.into_iter().find(|(_, mm)| far_better(*mm) && *mm <= best + ALIKE_MM);
     Ok(likeliest.map(|(change, mm)| {
         let [skin, other] = names;
+        let as_given =
+            if given.is_finite() { format!("{given:.1} mm (median)") } else { format!("a factor of {size:.3} in size") };
         let message = format!(
-            "{skin} and {other} are not in one frame: laid on each other they differ by {given:.1} mm (median); with one of \
-             the two {change}, by {mm:.1} mm"
+            "{skin} and {other} are not in one frame: laid on each other they differ by {as_given}; with one of the two \
+             {change}, by {mm:.1} mm"
         );
         let action = "Find out which of the two files is not in LPS and mm, convert it, and upload it again.";
         Warning::unreliable("surfaces-wrong-frame", message).act(action)

@@ -84,6 +84,21 @@ fn landmarks_in_another_frame_unit_or_place_are_reported_with_the_cause() {
     }
 }
 
+/// Six points, most of which stay near a smooth face when they are shifted along it.
+#[test]
+fn few_landmarks_shifted_along_the_face_are_reported() {
+    let head = phantom();
+    let names = ["pogonion", "menton", "ans", "nasal_bone_tip", "pronasale", "soft_pogonion"];
+    let few: Vec<(String, Point)> =
+        head.points.iter().filter(|(name, _)| names.contains(&name.as_str())).cloned().collect();
+    assert!(few.len() >= 5, "{few:?}");
+    assert!(of(&few, Some(&head.skin), Some(&head.skull)).is_empty());
+    for mm in [-40.0, -25.0, 25.0, 40.0, 60.0] {
+        let found = of(&moved(&few, |p| p + Vector::z() * mm), Some(&head.skin), Some(&head.skull));
+        assert_eq!(codes(&found), ["landmarks-wrong-frame"], "{mm}: {found:?}");
+    }
+}
+
 #[test]
 fn another_patient_fits_in_no_way() {
     let head = phantom();
@@ -247,6 +262,14 @@ fn a_target_that_is_not_registered_is_reported_only_in_another_frame() {
     for same in [&head.skin, &after, &target] {
         assert_eq!(of(same), None);
     }
+    // A tiny skin lies close to a piece of any other.
+    let found = of(&changed(&after, |p| p * 0.1)).unwrap();
+    assert!(found.code == "surfaces-wrong-frame" && found.message.contains("cm instead of mm"), "{found:?}");
+    // A face that is not symmetric, mirrored.
+    let crooked = |p: &Point| p + Vector::x() * (0.1 * (p.z - 20.0)) + Vector::y() * (0.15 * p.x);
+    let (one, other) = (changed(&head.skin, crooked), changed(&changed(&after, crooked), mirrored));
+    let found = check_two_skins(&one, &other, ["skin", "target"]).unwrap();
+    assert!(found.as_ref().is_some_and(|w| w.message.contains("mirrored")), "{found:?}");
     // Turned by 180°, a tilted phantom is too much like itself, front to back, to be told from another pose.
     let found = of(&changed(&after, ras)).unwrap();
     assert!(found.code == "surfaces-wrong-frame" && found.message.contains("RAS and LPS"), "{found:?}");

@@ -30,6 +30,10 @@ pub(super) const FIT_ITERATIONS: usize = 40;
 pub(super) const FITTED_SHARE: f64 = 0.7;
 /// Two skins whose median distance after a fit is below this show one head, mm.
 pub(super) const SAME_HEAD_MM: f64 = 3.0;
+/// A face laid on its own mirror image differs by more than this, mm (median; `ct_head` 1.0).
+pub(super) const BEYOND_SYMMETRY_MM: f64 = 0.7;
+/// A mirror image of one head counts when it reduces the median distance to this share: a planned change does not.
+pub(super) const MIRRORED_SHARE: f64 = 0.25;
 /// Fits that differ by less than this are alike, mm.
 pub(super) const ALIKE_MM: f64 = 1.0;
 /// A change that fits two skins must reduce the median distance to this share.
@@ -45,9 +49,9 @@ pub(super) const UNKNOWN_MM: f64 = 5.0;
 /// From this number of landmarks off their surface on, a common cause is looked for.
 pub(super) const SEVERAL: usize = 3;
 /// Above this mean distance a common cause is looked for although few are off, mm: points of `ct_head` lie 1 to 2 mm off.
-pub(super) const DOUBTFUL_MEAN_MM: f64 = 4.0;
+pub(super) const DOUBTFUL_MEAN_MM: f64 = 3.0;
 /// The least shift that counts as the cause then, mm.
-pub(super) const PLAIN_SHIFT_MM: f64 = 15.0;
+pub(super) const PLAIN_SHIFT_MM: f64 = 10.0;
 /// Fewest landmarks by which a change is judged, of which there are few.
 pub(super) const FEWEST_JUDGED: usize = 3;
 /// Fewest landmarks by which a shift is judged: fewer points fit a head in many places.

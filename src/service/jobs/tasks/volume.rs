@@ -3,10 +3,9 @@ use std::sync::Arc;
 use bytes::Bytes;
 
 use crate::Service;
-use prosopon_contract::{CtDocument, Fault, FaultKind, Halt, VolumeDocument, import_fault, to_json};
+use prosopon_contract::{CtDocument, Fault, FaultKind, Halt, import_fault, to_json};
 use prosopon_formats::export::nifti_gz;
-use prosopon_formats::import::{ImportError, VolumeCheck, VolumeFormat, VolumeSettings, volume_with};
-use prosopon_geometry::Warning;
+use prosopon_formats::import::{ImportError, VolumeCheck, VolumeSettings, volume_with};
 use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
 /// Bytes that are scanned at once, on a thread for requests.
@@ -79,17 +78,10 @@ pub async fn take_ct(
     upload: BlobInfo,
     settings: VolumeSettings,
 ) -> Result<(PartRecord, CtDocument), Fault> {
-    let read = read_ct(service, &upload.key, settings).await;
+    let read = read_ct(service, &upload, settings).await;
     service.store.blobs().delete(&upload.key).await;
-    let Read { packed, format, volume, warnings } = read?;
+    let (packed, document) = read?;
     let stored = service.store.blobs().put(session, packed).await?;
-    let document = CtDocument {
-        sha256: upload.sha256,
-        bytes: upload.bytes,
-        format: format.name().to_owned(),
-        volume: Some(volume),
-        findings: warnings.into_iter().collect(),
-    };
     let part = PartRecord {
         kind: PartKind::Ct,
         key: stored.sha256,
@@ -103,15 +95,13 @@ pub async fn take_ct(
 }
 
 /// A CT as NIfTI, and what was read.
-struct Read {
-    packed: Vec<u8>,
-    format: VolumeFormat,
-    volume: VolumeDocument,
-    warnings: Vec<Warning>,
-}
-
-async fn read_ct(service: &Service, key: &str, settings: VolumeSettings) -> Result<Read, Fault> {
-    let bytes = service.store.blobs().get(key).await?;
+async fn read_ct(
+    service: &Service,
+    upload: &BlobInfo,
+    settings: VolumeSettings,
+) -> Result<(Vec<u8>, CtDocument), Fault> {
+    let bytes = service.store.blobs().get(&upload.key).await?;
+    let (sha256, size) = (upload.sha256.clone(), upload.bytes);
     let limits = service.settings.import;
     service
         .compute(move |_, _| {
@@ -124,8 +114,7 @@ async fn read_ct(service: &Service, key: &str, settings: VolumeSettings) -> Resu
             }
             let packed = nifti_gz(&read.volume)
                 .map_err(|e| Fault::new(FaultKind::VolumeNotUsable, e.to_string()).at(PartKind::Ct.as_str()))?;
-            let volume = VolumeDocument::from(&read.volume);
-            Ok(Read { packed, format: read.format, volume, warnings: read.warnings })
+            Ok((packed, CtDocument::of(&read, sha256, size)))
         })
         .await
 }

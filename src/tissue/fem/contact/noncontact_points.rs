@@ -1,4 +1,5 @@
-//! Free boundary points inside bone. Contact does not act on them, so their penetration is measured separately.
+//! Boundary points inside bone on which contact does not act: free ones, and nodes beside contact points, which lie deeper than
+//! these at sharp edges. Their penetration is measured separately.
 
 use crate::fem::tuning::{CONTACT_POINTS_PER_TASK, IGNORED_DEPTH_MM};
 use std::sync::Arc;
@@ -10,7 +11,7 @@ use crate::fem::settings::ContactBody;
 use crate::mesh::{Attachment, MixedMesh, boundary_triangles};
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// Boundary vertices and barycentres that are neither contact points nor held by bone.
+/// Boundary vertices and barycentres that bone does not hold.
 #[derive(Debug)]
 pub(in crate::fem) struct NoncontactPoints {
     /// Three nodes with equal weights; a vertex is listed three times.
@@ -23,12 +24,9 @@ fn mean(nodes: &[u32; 3], x: &[Vector]) -> Point {
     Point::from(nodes.iter().map(|n| x[*n as usize]).sum::<Vector>() / 3.0)
 }
 
-/// Boundary vertices that neither bone nor contact (`guarded`) holds, and barycentres of boundary triangles with such a corner.
-pub(in crate::fem) fn noncontact_points(mesh: &MixedMesh, guarded: &[bool]) -> Vec<[u32; 3]> {
-    let is_open = |n: &u32| match mesh.attachment[*n as usize] {
-        Attachment::Free | Attachment::Sliding => !guarded[*n as usize],
-        Attachment::Tied(_) | Attachment::Gliding(_) | Attachment::Fixed => false,
-    };
+/// Boundary vertices that bone does not hold, and barycentres of boundary triangles with such a corner.
+pub(in crate::fem) fn noncontact_points(mesh: &MixedMesh) -> Vec<[u32; 3]> {
+    let is_open = |n: &u32| matches!(mesh.attachment[*n as usize], Attachment::Free | Attachment::Sliding);
     let faces = boundary_triangles(mesh);
     let mut vertices: Vec<u32> = faces.iter().flatten().copied().filter(is_open).collect();
     vertices.sort_unstable();

@@ -37,3 +37,26 @@ fn a_series_of_two_spacings_is_refused_and_an_odd_one_out_gives_a_warning() {
     let found = other(&|k| k == 0).unwrap();
     assert!(found.iter().any(|w| w.code == "slices-left-out" && w.severity == Severity::Check), "{found:?}");
 }
+
+#[test]
+fn slices_farther_apart_than_thick_and_strides_of_image_numbers_are_reported() {
+    const THICKNESS: (u16, u16) = (0x18, 0x50);
+    const NUMBER: (u16, u16) = (0x20, 0x13);
+    let found = |thickness: Option<&str>, stride: usize| -> Option<String> {
+        let labelled = |k: usize| {
+            let slice = Slice::near(k, EXPLICIT).with(NUMBER, 7 + stride * k);
+            thickness.iter().fold(slice, |slice, mm| slice.with(THICKNESS, mm))
+        };
+        let slices: Vec<Slice> = (0..5).map(labelled).collect();
+        let warnings = read(&slices).unwrap().warnings;
+        warnings.iter().find(|w| w.code == "gaps-between-slices").map(ToString::to_string)
+    };
+    // The slices lie 4 mm apart.
+    assert_eq!((found(Some("4"), 1), found(Some("5"), 2), found(None, 1)), (None, None, None));
+    let half = found(Some("2"), 2).unwrap();
+    assert!(half.contains("2.00 mm lie 4.00 mm apart, and the numbers of the images run in steps of 2"), "{half}");
+    let thin = found(Some("2.0"), 1).unwrap();
+    assert!(thin.contains("lie 4.00 mm apart: slices may be missing"), "{thin}");
+    let stride = found(None, 3).unwrap();
+    assert!(stride.starts_with("the numbers of the images run in steps of 3"), "{stride}");
+}

@@ -10,6 +10,8 @@ pub mod control;
 mod flat;
 mod grid;
 mod implicit;
+mod placed_grid;
+mod places;
 mod self_intersection;
 mod solid;
 mod surface;
@@ -23,6 +25,8 @@ mod warning;
 pub use flat::Flat;
 pub use grid::ScalarGrid;
 pub use implicit::Implicit;
+pub use placed_grid::PlacedGrid;
+pub use places::moved_places;
 pub use solid::not_solid_reason;
 pub use surface::{
     Mending, TopologyFaults, Welder, decimate, decimate_with, drop_small_parts, isosurface, largest_part, mend, parts,

@@ -54,6 +54,14 @@ impl Aabb {
         (0..3).all(|a| self.min[a] <= p[a] && p[a] <= self.max[a])
     }
 
+    /// The smallest box along the axes around the moved box.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        let (centre, half) = (motion * self.center(), (self.max - self.min) / 2.0);
+        let reach = motion.rotation.to_rotation_matrix().matrix().abs() * half;
+        Self { min: centre - reach, max: centre + reach }
+    }
+
     /// Centre of the box.
     #[must_use]
     pub fn center(&self) -> Point {

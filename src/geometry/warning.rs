@@ -62,6 +62,12 @@ impl Warning {
         Self { action, ..self }
     }
 
+    /// The same with the places in its message moved; see [`moved_places`](crate::moved_places).
+    #[must_use]
+    pub fn moved(self, motion: &crate::Motion) -> Self {
+        Self { message: crate::moved_places(&self.message, motion), ..self }
+    }
+
     /// The same about `subject`: "subject: message".
     #[must_use]
     pub fn about(self, subject: impl fmt::Display) -> Self {

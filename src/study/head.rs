@@ -179,7 +179,7 @@ impl Head {
     /// For each vertex of the skin, whether it belongs to the face.
     pub(super) fn face(&self) -> Vec<bool> {
         let regions = face_regions(&self.anatomy.skin, &self.anatomy.landmarks, self.landmarks.midline_x_mm).regions;
-        self.anatomy.skin.positions().iter().map(|p| regions.iter().any(|r| r.bounds.contains(p))).collect()
+        self.anatomy.skin.positions().iter().map(|p| regions.iter().any(|r| r.contains(p))).collect()
     }
 
     /// Builds fields, cuts the bone and builds the tissue mesh and the path.
@@ -214,7 +214,7 @@ fn of_ct(path: &Path, landmarks: Vec<(String, Point)>, midline_x_mm: Option<f64>
         skin: found.skin,
         skull: found.skull,
         air: found.air,
-        soft_tissue: Some(found.soft_tissue),
+        soft_tissue: Some(found.soft_tissue.into()),
         landmarks,
         midline_x_mm,
     })

@@ -51,7 +51,7 @@ pub fn baseline_error(
         }
     }
     let of = |region: &FaceRegion| {
-        let inside: Vec<bool> = prediction.positions().iter().map(|p| region.bounds.contains(p)).collect();
+        let inside: Vec<bool> = prediction.positions().iter().map(|p| region.contains(p)).collect();
         Some((region.name, statistics(prediction, &signed_mm, Some(&inside))?))
     };
     let regions = regions.iter().filter_map(of).collect();
@@ -89,7 +89,7 @@ mod tests {
         };
         let prediction = at(9.0);
         let left = Aabb { min: Point::new(0.0, -20.0, 5.0), max: Point::new(20.0, 20.0, 12.0) };
-        let regions = [FaceRegion { name: "cheek_left", bounds: left }];
+        let regions = [FaceRegion::new("cheek_left", left)];
         let mask: Vec<bool> = rest.positions().iter().map(|p| p.y < 5.0).collect();
         let map = error_map(&prediction, &reference, Some(&mask), &regions, &control).unwrap();
         let of = |baseline: &TriMesh| {

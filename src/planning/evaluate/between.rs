@@ -11,7 +11,7 @@ const MOVED_MM: f64 = 0.1;
 pub fn between_solutions(skin: &TriMesh, regions: &[FaceRegion], a: &[Vector], b: &[Vector]) -> Option<Statistics> {
     let pairs = || a.iter().zip(b);
     let distances: Vec<f32> = pairs().map(|(a, b)| (a - b).norm() as f32).collect();
-    let in_face = skin.positions().iter().map(|p| regions.iter().any(|r| r.bounds.contains(p)));
+    let in_face = skin.positions().iter().map(|p| regions.iter().any(|r| r.contains(p)));
     let moved: Vec<bool> =
         in_face.zip(pairs()).map(|(face, (a, b))| face && a.norm().max(b.norm()) > MOVED_MM).collect();
     statistics(skin, &distances, Some(&moved))
@@ -28,10 +28,8 @@ mod tests {
         let at = |x: f64| [Point::new(x, 0.0, 0.0), Point::new(x, 1.0, 0.0), Point::new(x, 0.0, 1.0)];
         let positions: Vec<Point> = [0.0, 10.0, 20.0].into_iter().flat_map(at).collect();
         let skin = TriMesh::new(positions, vec![[0, 1, 2], [3, 4, 5], [6, 7, 8]]).unwrap();
-        let face = FaceRegion {
-            name: "chin",
-            bounds: Aabb { min: Point::new(5.0, -1.0, -1.0), max: Point::new(30.0, 2.0, 2.0) },
-        };
+        let bounds = Aabb { min: Point::new(5.0, -1.0, -1.0), max: Point::new(30.0, 2.0, 2.0) };
+        let face = FaceRegion::new("chin", bounds);
         let by = |y: [f64; 3]| y.into_iter().flat_map(|y| [Vector::y() * y; 3]).collect::<Vec<_>>();
         let (a, b) = (by([5.0, 0.05, 2.0]), by([0.0, 0.0, 1.7]));
         let found = between_solutions(&skin, std::slice::from_ref(&face), &a, &b).unwrap();

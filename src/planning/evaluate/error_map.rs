@@ -170,7 +170,7 @@ fn by_region(
     counted: impl Fn(usize) -> bool,
 ) -> Vec<(&'static str, Statistics)> {
     let of = |region: &FaceRegion| {
-        let inside = |(v, p)| counted(v) && region.bounds.contains(p);
+        let inside = |(v, p)| counted(v) && region.contains(p);
         let inside: Vec<bool> = mesh.positions().iter().enumerate().map(inside).collect();
         Some((region.name, statistics(mesh, values, Some(&inside))?))
     };

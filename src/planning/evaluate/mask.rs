@@ -1,6 +1,6 @@
 //! Regions of space from which vertex masks are built.
 
-use prosopon_geometry::{Aabb, Point, TriMesh};
+use prosopon_geometry::{Aabb, Motion, Point, TriMesh};
 
 /// A closed region of space, LPS mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,6 +14,13 @@ pub enum MaskRegion {
         /// Radius, mm.
         radius_mm: f64,
     },
+    /// Axis-aligned box of another frame.
+    Turned {
+        /// The box in that frame.
+        bounds: Aabb,
+        /// Maps LPS into that frame.
+        into: Motion,
+    },
 }
 
 impl MaskRegion {
@@ -23,6 +30,17 @@ impl MaskRegion {
         match self {
             Self::Box(bounds) => bounds.contains(p),
             Self::Ball { centre, radius_mm } => (p - centre).norm_squared() <= radius_mm * radius_mm,
+            Self::Turned { bounds, into } => bounds.contains(&(into * p)),
+        }
+    }
+
+    /// The region moved in space.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        match self {
+            Self::Box(bounds) => Self::Turned { bounds: *bounds, into: motion.inverse() },
+            Self::Ball { centre, radius_mm } => Self::Ball { centre: motion * centre, radius_mm: *radius_mm },
+            Self::Turned { bounds, into } => Self::Turned { bounds: *bounds, into: into * motion.inverse() },
         }
     }
 }

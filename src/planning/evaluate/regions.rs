@@ -5,17 +5,39 @@ use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::Triangle;
 
 use super::MaskRegion;
-use prosopon_geometry::{Aabb, Point, TriMesh};
+use prosopon_geometry::{Aabb, Motion, Point, TriMesh};
 
-/// A named region of the face: an axis-aligned box, LPS mm.
+/// A named region of the face: a box.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaceRegion {
     /// Name of the region.
     /// One of `nose`, `paranasal_left`, `paranasal_right`, `upper_lip`, `lower_lip`, `chin`, `cheek_left`, `cheek_right`,
     /// `submental` and `forehead`.
     pub name: &'static str,
-    /// Box of the region.
+    /// The box, along the axes of its frame, mm.
     pub bounds: Aabb,
+    /// Maps LPS into that frame.
+    pub into: Motion,
+}
+
+impl FaceRegion {
+    /// A region along the axes of LPS.
+    #[must_use]
+    pub fn new(name: &'static str, bounds: Aabb) -> Self {
+        Self { name, bounds, into: Motion::identity() }
+    }
+
+    /// Whether `p` lies in the region.
+    #[must_use]
+    pub fn contains(&self, p: &Point) -> bool {
+        self.bounds.contains(&(self.into * p))
+    }
+
+    /// The region moved in space.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        Self { into: self.into * motion.inverse(), ..self.clone() }
+    }
 }
 
 /// Reference positions from which the boxes are placed, LPS mm.
@@ -149,7 +171,7 @@ impl Face {
         let region = |name, x: [f64; 2], y: [f64; 2], z: [f64; 2]| {
             let min = Point::new(self.midline + x[0], y[0], z[0]);
             let max = Point::new(self.midline + x[1], y[1], z[1]);
-            FaceRegion { name, bounds: Aabb { min, max } }
+            FaceRegion::new(name, Aabb { min, max })
         };
         let middle = |half: f64| [-half, half];
         let depth = |mm: f64| [front, self.nose.y + mm * s];
@@ -213,7 +235,7 @@ mod tests {
         for face in [eyes(&ball(), &landmarks(), Some(6.0)), eyes(&ball(), &[], Some(2.0))] {
             let [right, left] = face.map(|part| match part {
                 MaskRegion::Ball { centre, radius_mm } => (centre, radius_mm),
-                MaskRegion::Box(_) => panic!("not a ball"),
+                MaskRegion::Box(_) | MaskRegion::Turned { .. } => panic!("not a ball"),
             });
             assert!((left.0 - right.0 - Vector::new(64.0, 0.0, 0.0)).norm() < 0.5, "{left:?} {right:?}");
         }
@@ -236,7 +258,7 @@ mod tests {
         assert!(used);
         assert_eq!(regions.len(), 10);
         let of = |p: [f64; 3]| -> Vec<&str> {
-            regions.iter().filter(|r| r.bounds.contains(&Point::from(p))).map(|r| r.name).collect()
+            regions.iter().filter(|r| r.contains(&Point::from(p))).map(|r| r.name).collect()
         };
         assert_eq!(of([6.0, -111.0, 54.0]), ["nose"]);
         assert_eq!(of([6.0, -83.0, -20.0]), ["chin"]);
@@ -260,7 +282,7 @@ mod tests {
         let FaceRegions { regions, from_landmarks: used } = face_regions(&ball(), &[], None);
         assert!(!used);
         let nose = regions.iter().find(|r| r.name == "nose").unwrap();
-        assert!(nose.bounds.contains(&Point::new(2.0, -100.0, 50.0)));
+        assert!(nose.contains(&Point::new(2.0, -100.0, 50.0)));
         assert!((nose.bounds.center().x - 2.0).abs() < 1e-9);
     }
 

@@ -95,9 +95,8 @@ fn masks_and_regions_choose_what_is_counted() {
     let reference = star(24, |_| 50.0);
     let prediction = star(24, |d| if d.z > 0.0 { 52.0 } else { 49.0 });
     let mask: Vec<bool> = prediction.positions().iter().map(|p| p.z > 5.0).collect();
-    let half = |name, min: f64, max: f64| FaceRegion {
-        name,
-        bounds: Aabb { min: Point::new(-60.0, -60.0, min), max: Point::new(60.0, 60.0, max) },
+    let half = |name, min: f64, max: f64| {
+        FaceRegion::new(name, Aabb { min: Point::new(-60.0, -60.0, min), max: Point::new(60.0, 60.0, max) })
     };
     let regions = [half("forehead", 20.0, 60.0), half("chin", -60.0, -20.0)];
     let map = error_map(&prediction, &reference, Some(&mask), &regions, &Control::new()).unwrap();

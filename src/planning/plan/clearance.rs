@@ -5,7 +5,7 @@ use parry3d_f64::query;
 use parry3d_f64::shape::{Segment as Stretch, TriMesh as Shape};
 
 use super::{Osteotomy, PlanError};
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Motion, Point, Vector};
 
 /// A point or polyline that cuts should keep away from, such as a nerve.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,6 +16,14 @@ pub struct Protected {
     pub points: Vec<Point>,
     /// Distance below which there is a warning, mm; `None` for no warning.
     pub margin_mm: Option<f64>,
+}
+
+impl Protected {
+    /// The structure moved in space.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        Self { points: self.points.iter().map(|p| motion * p).collect(), ..self.clone() }
+    }
 }
 
 /// Distance between one cut and one protected structure.

@@ -2,7 +2,7 @@
 
 use super::arch::DentalArch;
 use super::shape::{Cut, Purpose};
-use prosopon_geometry::{Point, TriMesh, Warning};
+use prosopon_geometry::{Motion, Point, TriMesh, Warning};
 
 /// A piece of bone.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,6 +49,20 @@ pub struct Osteotomy {
 }
 
 impl Osteotomy {
+    /// The osteotomy moved in space, with the places in its warnings.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        let segment =
+            |s: &Segment| Segment { surface: s.surface.moved(motion), centroid: motion * s.centroid, ..s.clone() };
+        Self {
+            cuts: self.cuts.iter().map(|cut| cut.moved(motion)).collect(),
+            segments: self.segments.iter().map(segment).collect(),
+            warnings: self.warnings.iter().map(|w| w.clone().moved(motion)).collect(),
+            arch: self.arch.map(|arch| DentalArch { front: motion * arch.front, up: motion * arch.up }),
+            ..*self
+        }
+    }
+
     /// Whether bone was sawn between two segments; a separation of bones that touch in the image is no saw line.
     #[must_use]
     pub fn is_sawn_between(&self, a: &Segment, b: &Segment) -> bool {

@@ -80,6 +80,14 @@ impl Path {
         &self.waypoints
     }
 
+    /// The same path in another frame, into which `motion` maps.
+    #[must_use]
+    pub fn seen_from(&self, motion: &Motion) -> Self {
+        let back = motion.inverse();
+        let waypoints = self.waypoints.iter().map(|(t, m)| (*t, motion * m * back)).collect();
+        Self { segment: self.segment, waypoints }
+    }
+
     /// Motion from rest at `t`, which is clamped to \[0, 1\].
     ///
     /// Between two waypoints it is a screw motion, with the rotation of at most half a revolution.
@@ -115,6 +123,12 @@ impl Plan {
     #[must_use]
     pub fn motions(&self, t: f64) -> Vec<(u32, Motion)> {
         self.paths.iter().map(|p| (p.segment(), p.at(t))).collect()
+    }
+
+    /// The same plan in another frame, into which `motion` maps.
+    #[must_use]
+    pub fn seen_from(&self, motion: &Motion) -> Self {
+        Self { paths: self.paths.iter().map(|path| path.seen_from(motion)).collect() }
     }
 
     /// Plan that leads straight from the motions `now` to the end of this plan.

@@ -3,7 +3,7 @@
 use super::PlanError;
 use super::orient::oriented;
 use super::tuning::{MAX_KERF_MM, MAX_POINTS, MAX_TRIANGLES};
-use prosopon_geometry::{Point, TriMesh, Vector};
+use prosopon_geometry::{Motion, Point, TriMesh, Vector};
 
 /// A plane, bounded by a rectangle or endless.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,6 +70,55 @@ impl Cut {
     }
 }
 
+/// Coordinates are rounded to this, mm.
+const ROUNDED_MM: f64 = 1e-9;
+
+fn rounded(p: &Point) -> Point {
+    p.map(|c| (c / ROUNDED_MM).round() * ROUNDED_MM)
+}
+
+impl CutShape {
+    fn rounded(&self) -> Self {
+        let direction = |v: &Vector| rounded(&Point::from(*v)).coords;
+        match self {
+            Self::Plane(plane) => Self::Plane(BoundedPlane {
+                point: rounded(&plane.point),
+                normal: direction(&plane.normal),
+                bounds: plane.bounds.map(|(along, length, width)| (direction(&along), length, width)),
+            }),
+            Self::Polyline { points, direction: along, depth_mm } => Self::Polyline {
+                points: points.iter().map(rounded).collect(),
+                direction: direction(along),
+                depth_mm: *depth_mm,
+            },
+            Self::Surface(mesh) => {
+                let positions = mesh.positions().iter().map(rounded).collect();
+                Self::Surface(mesh.with_positions(positions).unwrap_or_else(|_| mesh.clone()))
+            }
+            Self::FreePart(p) => Self::FreePart(rounded(p)),
+        }
+    }
+
+    /// The shape moved in space.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        match self {
+            Self::Plane(plane) => Self::Plane(BoundedPlane {
+                point: motion * plane.point,
+                normal: motion * plane.normal,
+                bounds: plane.bounds.map(|(along, length, width)| (motion * along, length, width)),
+            }),
+            Self::Polyline { points, direction, depth_mm } => Self::Polyline {
+                points: points.iter().map(|p| motion * p).collect(),
+                direction: motion * direction,
+                depth_mm: *depth_mm,
+            },
+            Self::Surface(mesh) => Self::Surface(mesh.moved(motion)),
+            Self::FreePart(p) => Self::FreePart(motion * p),
+        }
+    }
+}
+
 impl From<CutShape> for Cut {
     fn from(shape: CutShape) -> Self {
         Self { shape, kerf_mm: 0.0, name: None, purpose: Purpose::Osteotomy, part: None }
@@ -87,6 +136,18 @@ impl Cut {
     #[must_use]
     pub fn named(self, name: &str) -> Self {
         Self { name: Some(name.to_owned()), ..self }
+    }
+
+    /// The cut with coordinates rounded to a millionth of a micrometre: it stays the same when it is moved to another frame and back.
+    #[must_use]
+    pub fn rounded(&self) -> Self {
+        Self { shape: self.shape.rounded(), part: self.part.map(|p| rounded(&p)), ..self.clone() }
+    }
+
+    /// The cut moved in space.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        Self { shape: self.shape.moved(motion), part: self.part.map(|p| motion * p), ..self.clone() }
     }
 
     /// The same cut as a separation: it parts bones that touch in the image and saws nothing.

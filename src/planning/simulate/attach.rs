@@ -14,7 +14,7 @@ use super::globes::Globe;
 use super::tuning::{FREE_CUT_MM, PAINT_REACH_MM, SEAM_MM, STRIPPED_MM, TIE_GAP_MM};
 use crate::evaluate::MaskRegion;
 use crate::plan::DentalArch;
-use prosopon_geometry::{Aabb, Implicit, Point, Warning};
+use prosopon_geometry::{Implicit, Motion, Point, Warning};
 use prosopon_tissue::mesh::{Attachment, MixedMesh};
 use zones::{InZones, Zones};
 
@@ -68,8 +68,8 @@ pub struct AttachmentRules {
     pub tie_gap_mm: Option<f64>,
     /// Class of nodes at teeth and gum, of bone that moves and of bone that stays.
     pub mucosa: NodeClass,
-    /// Boxes (LPS mm) that replace the zone of teeth and gum.
-    pub sliding: Option<Vec<Aabb>>,
+    /// Parts of space that replace the zone of teeth and gum.
+    pub sliding: Option<Vec<MaskRegion>>,
     /// Class of nodes on stripped bone.
     pub stripped: NodeClass,
     /// Width of stripped bone beside a saw line, mm; 0 for none; 12, and 15 above a moving upper jaw, when absent.
@@ -84,6 +84,25 @@ pub struct AttachmentRules {
     pub skull: Option<SkullPaint>,
     /// Classes for parts of space; they override all the above, and the last part that holds a node wins.
     pub paint: Vec<Paint>,
+}
+
+impl AttachmentRules {
+    /// The same rules with the parts of space that they name moved.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        let moved = |part: &MaskRegion| part.moved(motion);
+        let paint = |paint: &Paint| Paint { class: paint.class, part: moved(&paint.part) };
+        let skull = |painted: &SkullPaint| SkullPaint {
+            positions: painted.positions.iter().map(|p| motion * p).collect(),
+            classes: painted.classes.clone(),
+        };
+        Self {
+            sliding: self.sliding.as_ref().map(|parts| parts.iter().map(moved).collect()),
+            skull: self.skull.as_ref().map(skull),
+            paint: self.paint.iter().map(paint).collect(),
+            ..self.clone()
+        }
+    }
 }
 
 impl Default for AttachmentRules {

@@ -5,7 +5,7 @@ use super::tuning::{OUTSIDE_MM, REFUSED_SHARE};
 use crate::evaluate::check_skin_and_bone;
 use prosopon_field::{Envelope, EnvelopeSettings, FieldReport, MethodSettings, SignedField, envelope};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point, ScalarGrid, TriMesh, Warning};
+use prosopon_geometry::{Implicit, Motion, PlacedGrid, Point, TriMesh, Warning};
 
 /// The surfaces of one patient, LPS mm.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,11 +17,27 @@ pub struct Anatomy {
     /// Air inside the head, when it comes from a CT.
     pub air: Option<TriMesh>,
     /// Mean CT value of soft tissue around each grid node, HU, when there is a CT; NaN where there is no soft tissue.
-    pub soft_tissue: Option<ScalarGrid>,
+    pub soft_tissue: Option<PlacedGrid>,
     /// Named landmarks; may be empty.
     pub landmarks: Vec<(String, Point)>,
     /// x of the midsagittal plane, mm; `None` when unknown.
     pub midline_x_mm: Option<f64>,
+}
+
+impl Anatomy {
+    /// The anatomy in another frame, into which `motion` maps; the midsagittal plane is that of `midline_x_mm`, which the caller
+    /// knows in it.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion, midline_x_mm: Option<f64>) -> Self {
+        Self {
+            skin: self.skin.moved(motion),
+            skull: self.skull.moved(motion),
+            air: self.air.as_ref().map(|air| air.moved(motion)),
+            soft_tissue: self.soft_tissue.as_ref().map(|grid| grid.moved(motion)),
+            landmarks: self.landmarks.iter().map(|(name, p)| (name.clone(), motion * p)).collect(),
+            midline_x_mm,
+        }
+    }
 }
 
 /// Fields of the anatomy at rest.

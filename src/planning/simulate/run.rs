@@ -385,7 +385,7 @@ fn region_motion(skin: &TriMesh, displacements: &[Vector], region: &FaceRegion) 
     for (triangle, corners) in skin.triangles().iter().enumerate() {
         let third = skin.scaled_normal(triangle).norm() / 6.0;
         for &v in corners {
-            if region.bounds.contains(&skin.positions()[v as usize]) {
+            if region.contains(&skin.positions()[v as usize]) {
                 weight += third;
                 sum += displacements[v as usize] * third;
             }

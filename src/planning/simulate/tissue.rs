@@ -5,7 +5,7 @@ use super::tuning::{BEHIND_BACK_MM, BEHIND_FRONT_MM, EMBED_REACH_MM, MOUTH_ROOM_
 use super::{Anatomy, CutBone, Fields, SimulateError};
 use crate::plan::{DentalArch, propose};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Aabb, Implicit, Point, TriMesh, Warning};
+use prosopon_geometry::{Aabb, Implicit, Motion, Point, TriMesh, Warning};
 use prosopon_tissue::mesh::{
     Domain, Embedding, MeshError, MeshReport, MeshSettings, MixedMesh, PartedSkin, Region, Slit, build_parted, embed,
     embed_parted, part_skin,
@@ -28,6 +28,21 @@ pub struct TissueSettings {
     pub cartilage: bool,
     /// Places the globes of the eyes where moving bone reaches them: fixed bodies over which tissue glides.
     pub globes: bool,
+}
+
+impl TissueSettings {
+    /// The same settings with the places that they name moved; the region becomes the box along the axes around the moved one.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        Self {
+            region: self.region.map(|region| region.moved(motion)),
+            mouth: match &self.mouth {
+                Mouth::Curve(points) => Mouth::Curve(points.iter().map(|p| motion * p).collect()),
+                Mouth::Glued | Mouth::Auto => self.mouth.clone(),
+            },
+            ..self.clone()
+        }
+    }
 }
 
 impl Default for TissueSettings {

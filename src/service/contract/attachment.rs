@@ -7,7 +7,8 @@ use super::bounds::BoxDocument;
 use super::check::Check;
 use super::fault::{Fault, FaultKind};
 use super::region::RegionRequest;
-use prosopon_geometry::{Aabb, TriMesh};
+use prosopon_geometry::TriMesh;
+use prosopon_planning::evaluate::MaskRegion;
 use prosopon_planning::simulate::{Attached, AttachmentRules, Beyond, NodeClass, Paint, SkullPaint};
 
 /// Boundary condition of a tissue node at bone: `tied`, `gliding`, `sliding` or `free`.
@@ -196,7 +197,7 @@ impl Attachment {
             saw_line: class(self.saw_line, usual.saw_line),
             pull_off_mpa: self.pull_off_kpa.map(|kpa| 1e-3 * kpa),
             beyond: self.beyond.map_or(usual.beyond, Into::into),
-            sliding: self.sliding.as_ref().map(|boxes| boxes.iter().map(Aabb::from).collect()),
+            sliding: self.sliding.as_ref().map(|boxes| boxes.iter().map(|b| MaskRegion::Box(b.into())).collect()),
             skull: painted,
             paint: self.paint.iter().filter_map(PaintDocument::paint).collect(),
         })

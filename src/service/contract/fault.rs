@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use prosopon_geometry::control::Cancelled;
+use prosopon_geometry::{Motion, Point, moved_places};
 
 macro_rules! kinds {
     ($($(#[$doc:meta])* $name:ident = $slug:literal,)*) => {
@@ -172,6 +173,17 @@ impl Fault {
         Self { errors, ..Self::new(FaultKind::InvalidRequest, detail) }
     }
 
+    /// The fault with the places that its texts and its facts name moved.
+    #[must_use]
+    pub fn moved(mut self, motion: &Motion) -> Self {
+        self.detail = moved_places(&self.detail, motion);
+        for error in &mut self.errors {
+            error.detail = moved_places(&error.detail, motion);
+        }
+        self.facts.iter_mut().for_each(|(name, fact)| move_fact(name, fact, motion));
+        self
+    }
+
     /// Adds a member to the problem document.
     #[must_use]
     pub fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
@@ -219,6 +231,17 @@ pub enum Halt {
     Fault(Box<Fault>),
 }
 
+impl Halt {
+    /// The end with the places that a fault names moved.
+    #[must_use]
+    pub fn moved(self, motion: &Motion) -> Self {
+        match self {
+            Self::Cancelled => Self::Cancelled,
+            Self::Fault(fault) => Self::Fault(Box::new(fault.moved(motion))),
+        }
+    }
+}
+
 impl From<Fault> for Halt {
     fn from(fault: Fault) -> Self {
         Self::Fault(Box::new(fault))
@@ -239,4 +262,21 @@ impl From<Halt> for Fault {
             Halt::Fault(fault) => *fault,
         }
     }
+}
+/// Members of facts that are places.
+const PLACES: [&str; 2] = ["place_mm", "widest_bridge_mm"];
+
+/// Moves a fact that is a place, and the places within others.
+fn move_fact(name: &str, fact: &mut Value, motion: &Motion) {
+    match (point_of(fact).filter(|_| PLACES.contains(&name)), fact) {
+        (Some(place), fact) => *fact = Value::from(<[f64; 3]>::from((motion * place).coords).to_vec()),
+        (None, Value::Object(members)) => members.iter_mut().for_each(|(name, value)| move_fact(name, value, motion)),
+        (None, Value::Array(values)) => values.iter_mut().for_each(|value| move_fact("", value, motion)),
+        (None, Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_)) => {}
+    }
+}
+
+fn point_of(value: &Value) -> Option<Point> {
+    let numbers: Vec<f64> = value.as_array()?.iter().map(Value::as_f64).collect::<Option<_>>()?;
+    <[f64; 3]>::try_from(numbers).ok().map(Point::from)
 }

@@ -20,6 +20,7 @@ mod fault;
 mod fault_from;
 mod field;
 mod file_faults;
+mod frame;
 mod json;
 mod landmarks;
 mod markups;
@@ -70,6 +71,7 @@ pub use field::{
     RegionDocument, Solid,
 };
 pub use file_faults::FileFaults;
+pub use frame::{FrameBasisName, FrameDocument, FrameRequest};
 pub use json::{from_json, to_json};
 pub use landmarks::{CoordinateSystemName, LandmarksDocument, LandmarksFrame, PlacedPlane};
 pub use markups::landmarks_of_file;

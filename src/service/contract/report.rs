@@ -5,8 +5,8 @@ use utoipa::ToSchema;
 
 use super::warning::Findings;
 use super::{
-    AttachedDocument, BudgetDocument, ClinicalDocument, ErrorDocument, FieldDocument, LeftOutDocument, MeshDocument,
-    PlanDocument, RegionMotionDocument, StepDocument, TissueDocument,
+    AttachedDocument, BudgetDocument, ClinicalDocument, ErrorDocument, FieldDocument, FrameDocument, LeftOutDocument,
+    MeshDocument, PlanDocument, RegionMotionDocument, StepDocument, TissueDocument,
 };
 
 /// Computing time of each phase, s; all but `solve_s` are from when the parts were made.
@@ -97,6 +97,10 @@ pub struct ReportDocument {
     pub error: Option<ErrorDocument>,
     /// Whether landmarks placed the regions of the face; otherwise the proportions of the skin did.
     pub regions_from_landmarks: bool,
+    /// Frame of the head: forward, down and left of this report are its directions. Absent in reports of earlier versions and for
+    /// uploaded tissue meshes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<FrameDocument>,
     /// Proposed landmarks and planes of the session that no person has confirmed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unconfirmed_landmarks: Vec<String>,

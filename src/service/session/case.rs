@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use prosopon_geometry::{TriMesh, VolumeMesh};
+use prosopon_geometry::{Motion, TriMesh, VolumeMesh};
 use prosopon_planning::evaluate::GivenLandmarks;
 use prosopon_planning::plan::{Cut, Plan};
 use prosopon_planning::simulate::{Anatomy, FieldsSettings, PathCheckpoint, RunSettings, TissueSettings};
@@ -21,6 +21,8 @@ pub struct Case {
     pub occlusal_z_mm: Option<f64>,
     /// Names of the landmarks that nobody has confirmed.
     pub unconfirmed: Vec<String>,
+    /// Frame of the head that someone set: maps LPS into it, mm. `None`: it is estimated from the surfaces.
+    pub frame: Option<Motion>,
 }
 
 impl Case {

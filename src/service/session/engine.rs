@@ -5,7 +5,7 @@ use prosopon_contract::{Cuts, Halt, Solid};
 use prosopon_field::{CheckedDistance, FieldReport};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector, Warning};
-use prosopon_planning::evaluate::{Clinical, ErrorMap, FaceRegion, GivenLandmarks, Registration};
+use prosopon_planning::evaluate::{Clinical, ErrorMap, FaceRegion, GivenLandmarks, HeadFrame, Registration};
 use prosopon_planning::plan::{Clearance, Cut, Osteotomy, PathReport, Plan, Proposal};
 use prosopon_planning::simulate::{Frame, Outcome, PathCheckpoint};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
@@ -119,8 +119,19 @@ pub trait Engine: Debug + Send + Sync {
         Ok(None)
     }
 
+    /// The frame of the patient's head: the one that the case names, else an estimate from the surfaces.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn frame(&self, _case: &Case, _control: &Control) -> Result<HeadFrame, Halt> {
+        Ok(HeadFrame::of_scanner())
+    }
+
     /// Proposes landmarks from the surfaces of skin and skull.
-    fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal;
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn propose(&self, case: &Case, control: &Control) -> Result<Proposal, Halt>;
 
     /// Displacements along the paths of a plan; returns a report for each path, without overlaps and gaps.
     ///
@@ -213,7 +224,10 @@ pub trait Engine: Debug + Send + Sync {
     ) -> Result<Option<Vec<Vector>>, Halt>;
 
     /// Regions of the face, and whether landmarks placed them.
-    fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool);
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn regions(&self, case: &Case, control: &Control) -> Result<(Vec<FaceRegion>, bool), Halt>;
 
     /// Signed error of `prediction` against `reference`, mm, over the vertices of the mask.
     ///

@@ -5,8 +5,8 @@ use serde::de::DeserializeOwned;
 
 use super::{Case, TissueRequest, key_of};
 use prosopon_contract::{
-    CutDocument, Fault, FaultKind, FieldDocument, FieldSettingsDocument, LandmarksDocument, MeshDocument, MeshRequest,
-    SurfaceDocument, TissueDocument, from_json, stored_cuts, to_json,
+    CutDocument, Fault, FaultKind, FieldDocument, FieldSettingsDocument, FrameRequest, LandmarksDocument, MeshDocument,
+    MeshRequest, SurfaceDocument, TissueDocument, from_json, stored_cuts, to_json,
 };
 use prosopon_geometry::TriMesh;
 use prosopon_planning::simulate::Anatomy;
@@ -117,6 +117,14 @@ impl SessionParts {
         self.document(PartKind::Landmarks)
     }
 
+    /// The frame of the head that a client set; `None` when it is estimated.
+    ///
+    /// # Errors
+    /// [`FaultKind::Internal`].
+    pub fn frame(&self) -> Result<Option<FrameRequest>, Fault> {
+        self.document(PartKind::Frame)
+    }
+
     /// Key of the fields for the current inputs and settings.
     ///
     /// # Errors
@@ -125,7 +133,8 @@ impl SessionParts {
         self.require_surfaces()?;
         let key = |kind| self.get(kind).map_or("", |p| p.key.as_str());
         let settings = to_json("the settings of the fields", &self.field_settings()?)?;
-        Ok(key_of(&["field", key(PartKind::Skin), key(PartKind::Skull), key(PartKind::Air), &settings]))
+        let surfaces = [PartKind::Skin, PartKind::Skull, PartKind::Air, PartKind::Frame].map(key);
+        Ok(key_of(&[&["field"], &surfaces[..], &[settings.as_str()]].concat()))
     }
 
     fn missing(&self, names: &[&str], next: &str) -> Fault {
@@ -251,7 +260,7 @@ impl SessionParts {
             None => None,
         };
         let soft_tissue = match self.get(PartKind::SoftTissue) {
-            Some(part) => Some(decode_grid(&read_part(store, part).await?)?),
+            Some(part) => Some(decode_grid(&read_part(store, part).await?)?.into()),
             None => None,
         };
         let anatomy = Anatomy {
@@ -269,6 +278,7 @@ impl SessionParts {
             midline_x_mm: landmarks.as_ref().and_then(|l| l.midline_x_mm),
             occlusal_z_mm: landmarks.as_ref().and_then(|l| l.occlusal_plane_z_mm),
             unconfirmed: landmarks.map(|l| l.proposed).unwrap_or_default(),
+            frame: self.frame()?.map(|frame| frame.motion()),
         })
     }
 

@@ -87,6 +87,7 @@ mod tests {
             midline_x_mm: Some(0.0),
             occlusal_z_mm: None,
             unconfirmed: Vec::new(),
+            frame: None,
         };
         let mut settings = TissueSettings { mouth: Mouth::Auto, ..TissueSettings::default() };
         settings.mesh.edge_mm = 9.0;

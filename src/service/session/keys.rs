@@ -50,6 +50,7 @@ mod tests {
             midline_x_mm,
             occlusal_z_mm,
             unconfirmed: Vec::new(),
+            frame: None,
         };
         let first = bone_key(&case(Some(0.0), Some(-40.0)), &[]);
         assert_eq!(first, bone_key(&case(Some(0.0), Some(-40.0)), &[]));

@@ -8,6 +8,7 @@ mod checkpoint_file;
 mod clinical;
 mod engine;
 mod error_sheet;
+mod framed;
 mod inputs;
 mod kept;
 mod keys;

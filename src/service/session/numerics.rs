@@ -2,19 +2,24 @@ use std::fmt;
 use std::sync::Arc;
 
 use super::clinical::{clinical_of, moved_bones};
+use super::framed::{Framed, WatchBack};
 use super::kept;
 use super::keys::bone_key;
 use super::path_solve::{PathSolve, Ready, solve_path};
 use super::recent::Recent;
 use super::scene::{bone_fields, solve_scene};
 use super::tissue_file::tissue_file;
-use super::{Case, Engine, Kept, OtherSurface, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest};
+use super::{
+    Case, Engine, Kept, OtherSurface, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest, key_of,
+};
 use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid, import_fault};
 use prosopon_field::{CheckedDistance, Envelope, ExactDistance, FieldReport, SignedField, envelope};
 use prosopon_formats::import::{self, Limits};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Motion, Point, TriMesh, Vector, Warning};
-use prosopon_planning::evaluate::{self, Clinical, ErrorMap, FaceRegion, GivenLandmarks, Registration};
+use prosopon_planning::evaluate::{
+    self, Clinical, ErrorMap, FaceRegion, FrameBasis, GivenLandmarks, HeadFrame, Registration,
+};
 use prosopon_planning::plan::{
     self, Clearance, Cut, Landmarks, Osteotomy, Path, PathReport, Plan, PlanError, Proposal, TemplateCuts,
     TemplateError,
@@ -26,6 +31,7 @@ use prosopon_tissue::mesh::MeshReport;
 /// Default memory for intermediate results: 1.5 GiB.
 const CACHE_BYTES: u64 = 1536 << 20;
 /// Kinds of intermediate results in the cache.
+const FRAMES: &str = "frame";
 const ENVELOPES: &str = "envelope";
 const FIELDS: &str = "field";
 const OSTEOTOMIES: &str = "osteotomy";
@@ -57,6 +63,24 @@ impl Numerics {
     #[must_use]
     pub fn with_cache_bytes(self, bytes: u64) -> Self {
         Self { recent: Recent::new(bytes), ..self }
+    }
+
+    /// The frame of the head in the case.
+    fn frame_of(&self, case: &Case, control: &Control) -> Result<Arc<HeadFrame>, Halt> {
+        if let Some(from_scan) = case.frame {
+            return Ok(Arc::new(HeadFrame { from_scan, basis: FrameBasis::Given, ..HeadFrame::of_scanner() }));
+        }
+        if let Some(found) = self.recent.get(FRAMES, &case.key) {
+            return Ok(found);
+        }
+        let found = Arc::new(evaluate::head_frame(&case.anatomy.skin, &case.anatomy.skull, control)?);
+        self.recent.put(FRAMES, &case.key, Arc::clone(&found), size_of::<HeadFrame>() as u64);
+        Ok(found)
+    }
+
+    /// The case in the frame of its head.
+    fn framed(&self, case: &Case, control: &Control) -> Result<Framed, Halt> {
+        Ok(Framed::new(case, self.frame_of(case, control)?.from_scan))
     }
 
     /// The outer envelope of the bone; a cut needs nothing else.
@@ -98,7 +122,7 @@ impl Numerics {
         let anatomy = &case.anatomy;
         let templates =
             TemplateCuts::place(&cuts.templates, &anatomy.skin, &anatomy.skull, &bone).map_err(template_fault)?;
-        let all = templates.cuts.iter().chain(&cuts.cuts).cloned().collect();
+        let all = templates.cuts.iter().chain(&cuts.cuts).map(Cut::rounded).collect();
         Ok((templates, all))
     }
 
@@ -151,6 +175,124 @@ impl Numerics {
         let bytes = built.report.nodes as u64 * MESH_BYTES;
         self.recent.put(TISSUES, key, Arc::clone(&built), bytes);
         built
+    }
+
+    /// The osteotomy of a request in the frame of the head, and how near its cuts come to what it protects.
+    fn cut_of(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
+        let (templates, all) = self.placed(case, cuts, &control.stage(0.0, 0.5))?;
+        let cut = self.osteotomy_of(case, &all, &control.stage(0.5, 1.0));
+        let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, &templates))?);
+        let warnings = templates.warnings(&osteotomy);
+        osteotomy.warnings.extend(warnings.into_iter().chain(cuts.warnings.iter().cloned()));
+        let clearances = plan::clearances(&osteotomy, &cuts.protected)?;
+        for near in &clearances {
+            let Some(protected) = cuts.protected.get(near.protected) else { continue };
+            if let Some(margin) = protected.margin_mm.filter(|m| near.distance_mm < *m) {
+                let message = format!(
+                    "{} comes within {:.1} mm of {}, less than its margin of {margin:.1} mm",
+                    osteotomy.cuts.get(near.cut).map_or_else(String::new, |cut| cut.label(near.cut)),
+                    near.distance_mm,
+                    protected.name
+                );
+                osteotomy
+                    .warnings
+                    .push(Warning::check("below-margin", message).act("Move the cut or accept the distance."));
+            }
+        }
+        Ok((osteotomy, clearances))
+    }
+
+    /// The cuts of a request in the frame of the head, with warnings about where they are.
+    fn place_of(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Vec<Cut>, Vec<Warning>), Halt> {
+        let (templates, all) = self.placed(case, cuts, control)?;
+        let mut warnings = cuts.warnings.clone();
+        warnings.extend(templates.placing_warnings());
+        let bone = self.envelope_of(case, control)?;
+        match plan::try_cuts(&bone, &all, control) {
+            Ok(()) => {}
+            Err(fault @ PlanError::MissesBone { .. }) => {
+                warnings.push(Warning::check("cut-misses-bone", fault.to_string()).act("Move or enlarge the cut."));
+            }
+            Err(fault @ PlanError::NotParted { .. }) => {
+                warnings.push(Warning::check("bone-not-parted", fault.to_string()).act("Move or enlarge the cuts."));
+            }
+            Err(fault) => return Err(fault.into()),
+        }
+        Ok((all, warnings))
+    }
+
+    /// Solves along the plan, all in the frame of the head but what `watch` is told; `own` is the skin at rest in LPS.
+    fn solve_of(
+        &self,
+        framed: &Framed,
+        run: &Run,
+        own: &TriMesh,
+        control: &Control,
+        watch: &mut dyn RunWatch,
+    ) -> Result<Outcome, Halt> {
+        // Measured on a head: rebuilding field and mesh takes about as long as a quarter of the path.
+        let shares = if self.has(Kept::Tissue, &run.tissue.key) { [0.0, 0.02, 0.03] } else { [0.1, 0.15, 0.25] };
+        watch.stage("field");
+        self.fields_of(&run.case, &control.stage(0.0, shares[0]))?;
+        watch.stage("cut");
+        let bone = self.bone_of(&run.case, &run.cuts, &control.stage(shares[0], shares[1]))?;
+        watch.stage("mesh");
+        let tissue = self.tissue_of(&run.case, &run.tissue, &control.stage(shares[1], shares[2]))?;
+        let rest = tissue.skin(&run.case.anatomy);
+        let own = framed.rest_back(rest, own);
+        let watch = &mut WatchBack { framed, rest: [rest, &own], watch };
+        watch.mesh(&tissue.report);
+        let is_chosen = run.tissue.cuts.is_some() && run.tissue.settings.region.is_none();
+        if !is_chosen {
+            let moving: Vec<u32> = run.plan.paths.iter().map(Path::segment).collect();
+            let lacks = simulate::region_warning(&run.case.anatomy, &bone, &moving, &run.tissue.settings);
+            lacks.into_iter().for_each(|warning| watch.warning(warning));
+        }
+        simulate::globe_warnings(&tissue, &bone, &run.plan).into_iter().for_each(|warning| watch.warning(warning));
+        // Before the solve, so that they are there when it fails.
+        let solver = &run.settings.solver;
+        let materials = [solver.stiffness_warnings(&tissue.mesh), solver.stability_warnings(&tissue.mesh)];
+        materials.into_iter().flatten().for_each(|warning| watch.warning(warning));
+        watch.stage("solve");
+        let ready = Ready { run, bone: &bone, tissue: &tissue };
+        let control = control.stage(shares[2], 1.0);
+        let last = PathSolve {
+            plan: &run.plan,
+            steps: run.settings.steps,
+            after: run.after.as_deref(),
+            checkpoint: run.checkpoint.as_ref(),
+        };
+        solve_path(&self.recent, &ready, last, &control, &mut |frame, checkpoint| watch.frame(frame, checkpoint))
+    }
+
+    /// As [`Engine::distance_to_mesh`], in the frame of the head; `rest` and `moved` are the skins of the run.
+    fn distance_to_mesh_of(
+        &self,
+        run: &Run,
+        [rest, moved]: [&TriMesh; 2],
+        other: &TissueRequest,
+        control: &Control,
+    ) -> Result<Option<f64>, Halt> {
+        let case = &run.case;
+        let unknown = |detail: &str| Halt::from(Fault::new(FaultKind::Internal, detail));
+        let bone = self.bone_of(case, &run.cuts, &control.stage(0.0, 0.1))?;
+        let tissue = self.tissue_of(case, other, &control.stage(0.1, 0.3))?;
+        let mut last = None;
+        let control = control.stage(0.3, 1.0);
+        let anatomy = &case.anatomy;
+        // Not through the cache, which keeps the equations of the mesh that the next plan will use.
+        simulate::solve(anatomy, &tissue, &bone, &run.plan, &run.settings, &control, &mut |f| last = Some(f.skin))?;
+        let other = last.ok_or_else(|| unknown("the other mesh has no step"))?;
+        let count = rest.positions().len();
+        if [moved, &other].iter().any(|skin| skin.positions().len() != count) {
+            return Err(unknown("the lips part differently on the two meshes"));
+        }
+        let displacements = |skin: &TriMesh| -> Vec<Vector> {
+            skin.positions().iter().zip(rest.positions()).map(|(a, b)| a - b).collect()
+        };
+        let regions = evaluate::face_regions(&anatomy.skin, &anatomy.landmarks, case.midline_x_mm).regions;
+        let found = evaluate::between_solutions(rest, &regions, &displacements(moved), &displacements(&other));
+        Ok(found.map(|statistics| statistics.p95))
     }
 }
 
@@ -225,8 +367,10 @@ impl Engine for Numerics {
     }
 
     fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<Warning>), Halt> {
-        let fields = self.fields_of(case, control)?;
-        Ok((fields.skin_report.clone(), fields.bone_report.clone(), fields.warnings.clone()))
+        let framed = self.framed(case, &control.stage(0.0, 0.1))?;
+        let fields = framed.halt_back(self.fields_of(&framed.case, &control.stage(0.1, 1.0)))?;
+        let warnings = framed.warnings_back(fields.warnings.clone());
+        Ok((framed.field_back(&fields.skin_report), framed.field_back(&fields.bone_report), warnings))
     }
 
     fn distances(
@@ -236,12 +380,17 @@ impl Engine for Numerics {
         points: &[Point],
         control: &Control,
     ) -> Result<Vec<(f64, Vector)>, Halt> {
-        let fields = self.fields_of(case, control)?;
+        let framed = self.framed(case, control)?;
+        let fields = self.fields_of(&framed.case, control)?;
         let field = match solid {
             Solid::Skin => &fields.skin,
             Solid::Bone => &fields.bone_field,
         };
-        Ok(points.iter().map(|p| field.value_gradient(p)).collect())
+        let at = |p| {
+            let (value, gradient) = field.value_gradient(&framed.point(p));
+            (value, framed.direction_back(&gradient))
+        };
+        Ok(points.iter().map(at).collect())
     }
 
     fn nearest(
@@ -251,58 +400,40 @@ impl Engine for Numerics {
         points: &[Point],
         control: &Control,
     ) -> Result<Vec<CheckedDistance>, Halt> {
-        let fields = self.fields_of(case, control)?;
+        let framed = self.framed(case, control)?;
+        let fields = self.fields_of(&framed.case, control)?;
         let (field, surface) = match solid {
-            Solid::Skin => (&fields.skin, &case.anatomy.skin),
+            Solid::Skin => (&fields.skin, &framed.case.anatomy.skin),
             Solid::Bone => (&fields.bone_field, &fields.bone.surface),
         };
         let exact = ExactDistance::new(surface);
         control.check()?;
-        Ok(points.iter().map(|p| field.distance_with_checked_sign(&exact, p)).collect())
+        let at = |p| {
+            let found = field.distance_with_checked_sign(&exact, &framed.point(p));
+            let (gradient, closest) = (framed.direction_back(&found.gradient), framed.point_back(&found.closest));
+            CheckedDistance { gradient, closest, ..found }
+        };
+        Ok(points.iter().map(at).collect())
     }
 
     fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
-        let (templates, all) = self.placed(case, cuts, &control.stage(0.0, 0.5))?;
-        let cut = self.osteotomy_of(case, &all, &control.stage(0.5, 1.0));
-        let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, &templates))?);
-        let warnings = templates.warnings(&osteotomy);
-        osteotomy.warnings.extend(warnings.into_iter().chain(cuts.warnings.iter().cloned()));
+        let framed = self.framed(case, &control.stage(0.0, 0.2))?;
+        let control = control.stage(0.2, 1.0);
+        let (mut osteotomy, clearances) =
+            framed.halt_back(self.cut_of(&framed.case, &framed.request(cuts), &control))?;
+        osteotomy = framed.osteotomy_back(&osteotomy);
         osteotomy.warnings.extend(template_landmarks(case, cuts)?);
-        let clearances = plan::clearances(&osteotomy, &cuts.protected)?;
-        for near in &clearances {
-            let Some(protected) = cuts.protected.get(near.protected) else { continue };
-            if let Some(margin) = protected.margin_mm.filter(|m| near.distance_mm < *m) {
-                let message = format!(
-                    "{} comes within {:.1} mm of {}, less than its margin of {margin:.1} mm",
-                    osteotomy.cuts.get(near.cut).map_or_else(String::new, |cut| cut.label(near.cut)),
-                    near.distance_mm,
-                    protected.name
-                );
-                osteotomy
-                    .warnings
-                    .push(Warning::check("below-margin", message).act("Move the cut or accept the distance."));
-            }
-        }
-        Ok((osteotomy, clearances))
+        osteotomy.warnings.extend(self.frame_of(case, &control)?.warnings.clone());
+        Ok((osteotomy, framed.clearances_back(clearances)))
     }
 
     fn place(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Vec<Cut>, Vec<Warning>), Halt> {
-        let (templates, all) = self.placed(case, cuts, control)?;
-        let mut warnings = cuts.warnings.clone();
-        warnings.extend(templates.placing_warnings());
+        let framed = self.framed(case, control)?;
+        let (all, found) = framed.halt_back(self.place_of(&framed.case, &framed.request(cuts), control))?;
+        let mut warnings = framed.warnings_back(found);
         warnings.extend(template_landmarks(case, cuts)?);
-        let bone = self.envelope_of(case, control)?;
-        match plan::try_cuts(&bone, &all, control) {
-            Ok(()) => {}
-            Err(fault @ PlanError::MissesBone { .. }) => {
-                warnings.push(Warning::check("cut-misses-bone", fault.to_string()).act("Move or enlarge the cut."));
-            }
-            Err(fault @ PlanError::NotParted { .. }) => {
-                warnings.push(Warning::check("bone-not-parted", fault.to_string()).act("Move or enlarge the cuts."));
-            }
-            Err(fault) => return Err(fault.into()),
-        }
-        Ok((all, warnings))
+        warnings.extend(self.frame_of(case, control)?.warnings.clone());
+        Ok((framed.cuts_back(&all), warnings))
     }
 
     fn check_landmarks(
@@ -323,22 +454,35 @@ impl Engine for Numerics {
         })
     }
 
-    fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal {
-        plan::propose(skin, skull)
+    fn frame(&self, case: &Case, control: &Control) -> Result<HeadFrame, Halt> {
+        Ok(HeadFrame::clone(&*self.frame_of(case, control)?))
+    }
+
+    fn propose(&self, case: &Case, control: &Control) -> Result<Proposal, Halt> {
+        let framed = self.framed(case, control)?;
+        let anatomy = &framed.case.anatomy;
+        Ok(framed.proposal_back(&plan::propose(&anatomy.skin, &anatomy.skull)))
     }
 
     fn outline(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt> {
-        let osteotomy = self.osteotomy_of(case, cuts, control)?;
-        Ok(plan::outline(&osteotomy, plan)?)
+        let framed = self.framed(case, control)?;
+        let osteotomy = framed.halt_back(self.osteotomy_of(&framed.case, &framed.cuts(cuts), control))?;
+        let reports = plan::outline(&osteotomy, &framed.plan(plan)).map_err(Halt::from);
+        Ok(framed.paths_back(framed.halt_back(reports)?))
     }
 
     fn follow(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt> {
-        let osteotomy = self.osteotomy_of(case, cuts, &control.stage(0.0, 0.5))?;
-        Ok(plan::follow(&osteotomy, plan, &control.stage(0.5, 1.0))?)
+        let framed = self.framed(case, control)?;
+        let cut = self.osteotomy_of(&framed.case, &framed.cuts(cuts), &control.stage(0.0, 0.5));
+        let osteotomy = framed.halt_back(cut)?;
+        let reports = plan::follow(&osteotomy, &framed.plan(plan), &control.stage(0.5, 1.0)).map_err(Halt::from);
+        Ok(framed.paths_back(framed.halt_back(reports)?))
     }
 
     fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt> {
-        Ok(self.tissue_of(case, request, control)?.report.clone())
+        let framed = self.framed(case, control)?;
+        let tissue = framed.halt_back(self.tissue_of(&framed.case, &framed.tissue(request), control))?;
+        Ok(framed.mesh_back(&tissue.report))
     }
 
     fn has(&self, kept: Kept, key: &str) -> bool {
@@ -376,40 +520,17 @@ impl Engine for Numerics {
         if run.tissue.settings.mouth == Mouth::Glued {
             return Ok(run.case.anatomy.skin.clone());
         }
-        Ok(self.tissue_of(&run.case, &run.tissue, control)?.skin(&run.case.anatomy).clone())
+        let framed = self.framed(&run.case, control)?;
+        let tissue = framed.halt_back(self.tissue_of(&framed.case, &framed.tissue(&run.tissue), control))?;
+        Ok(framed.rest_back(tissue.skin(&framed.case.anatomy), &run.case.anatomy.skin))
     }
 
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
-        // Measured on a head: rebuilding field and mesh takes about as long as a quarter of the path.
-        let shares = if self.has(Kept::Tissue, &run.tissue.key) { [0.0, 0.02, 0.03] } else { [0.1, 0.15, 0.25] };
-        watch.stage("field");
-        self.fields_of(&run.case, &control.stage(0.0, shares[0]))?;
-        watch.stage("cut");
-        let bone = self.bone_of(&run.case, &run.cuts, &control.stage(shares[0], shares[1]))?;
-        watch.stage("mesh");
-        let tissue = self.tissue_of(&run.case, &run.tissue, &control.stage(shares[1], shares[2]))?;
-        watch.mesh(&tissue.report);
-        let is_chosen = run.tissue.cuts.is_some() && run.tissue.settings.region.is_none();
-        if !is_chosen {
-            let moving: Vec<u32> = run.plan.paths.iter().map(Path::segment).collect();
-            let lacks = simulate::region_warning(&run.case.anatomy, &bone, &moving, &run.tissue.settings);
-            lacks.into_iter().for_each(|warning| watch.warning(warning));
-        }
-        simulate::globe_warnings(&tissue, &bone, &run.plan).into_iter().for_each(|warning| watch.warning(warning));
-        // Before the solve, so that they are there when it fails.
-        let solver = &run.settings.solver;
-        let materials = [solver.stiffness_warnings(&tissue.mesh), solver.stability_warnings(&tissue.mesh)];
-        materials.into_iter().flatten().for_each(|warning| watch.warning(warning));
-        watch.stage("solve");
-        let ready = Ready { run, bone: &bone, tissue: &tissue };
-        let control = control.stage(shares[2], 1.0);
-        let last = PathSolve {
-            plan: &run.plan,
-            steps: run.settings.steps,
-            after: run.after.as_deref(),
-            checkpoint: run.checkpoint.as_ref(),
-        };
-        solve_path(&self.recent, &ready, last, &control, &mut |frame, checkpoint| watch.frame(frame, checkpoint))
+        let framed = self.framed(&run.case, control)?;
+        self.frame_of(&run.case, control)?.warnings.iter().for_each(|warning| watch.warning(warning.clone()));
+        let own = &run.case.anatomy.skin;
+        let solved = self.solve_of(&framed, &framed.run(run), own, control, watch);
+        Ok(framed.outcome_back(&framed.halt_back(solved)?))
     }
 
     fn distance_to_mesh(
@@ -419,27 +540,11 @@ impl Engine for Numerics {
         other: &TissueRequest,
         control: &Control,
     ) -> Result<Option<f64>, Halt> {
-        let case = &run.case;
-        let unknown = |detail: &str| Halt::from(Fault::new(FaultKind::Internal, detail));
-        let bone = self.bone_of(case, &run.cuts, &control.stage(0.0, 0.1))?;
-        let tissue = self.tissue_of(case, other, &control.stage(0.1, 0.3))?;
-        let mut last = None;
-        let control = control.stage(0.3, 1.0);
-        let anatomy = &case.anatomy;
-        // Not through the cache, which keeps the equations of the mesh that the next plan will use.
-        simulate::solve(anatomy, &tissue, &bone, &run.plan, &run.settings, &control, &mut |f| last = Some(f.skin))?;
+        let framed = self.framed(&run.case, control)?;
+        let there = framed.run(run);
         let rest = self.skin(run, &control.without_progress())?;
-        let other = last.ok_or_else(|| unknown("the other mesh has no step"))?;
-        let count = rest.positions().len();
-        if [moved, &other].iter().any(|skin| skin.positions().len() != count) {
-            return Err(unknown("the lips part differently on the two meshes"));
-        }
-        let displacements = |skin: &TriMesh| -> Vec<Vector> {
-            skin.positions().iter().zip(rest.positions()).map(|(a, b)| a - b).collect()
-        };
-        let (regions, _) = self.regions(case);
-        let found = evaluate::between_solutions(&rest, &regions, &displacements(moved), &displacements(&other));
-        Ok(found.map(|statistics| statistics.p95))
+        let skins = [framed.surface(&rest), framed.surface(moved)];
+        framed.halt_back(self.distance_to_mesh_of(&there, [&skins[0], &skins[1]], &framed.tissue(other), control))
     }
 
     fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {
@@ -450,7 +555,9 @@ impl Engine for Numerics {
             SceneBones::Surfaces(surfaces) => bone_fields(surfaces, run, &before)?,
             SceneBones::Cut { case, cuts } => {
                 watch.stage("cut");
-                let bone = self.bone_of(case, cuts, &before)?;
+                // The client's mesh lies in LPS, and so does its bone.
+                let case = Case { key: key_of(&["scanner", &case.key]), ..Case::clone(case) };
+                let bone = self.bone_of(&case, cuts, &before)?;
                 let segments = bone.osteotomy.segments.iter().map(|s| s.id);
                 (segments.zip(bone.fields.iter().cloned()).collect(), bone.osteotomy.warnings.clone())
             }
@@ -461,16 +568,24 @@ impl Engine for Numerics {
     }
 
     fn tissue_file(&self, run: &Run, outcome: &Outcome, control: &Control) -> Result<Vec<u8>, Halt> {
-        let tissue = self.tissue_of(&run.case, &run.tissue, control)?;
-        tissue_file(&tissue.mesh, outcome)
+        let framed = self.framed(&run.case, control)?;
+        let tissue = framed.halt_back(self.tissue_of(&framed.case, &framed.tissue(&run.tissue), control))?;
+        let mut mesh = tissue.mesh.clone();
+        mesh.positions.iter_mut().for_each(|p| *p = framed.point_back(p));
+        tissue_file(&mesh, outcome)
             .ok_or_else(|| Fault::new(FaultKind::Internal, "the deformed nodes are not those of the mesh").into())
     }
 
     fn clinical(&self, run: &Run, moved: &TriMesh, control: &Control) -> Result<Clinical, Halt> {
-        let osteotomy = self.osteotomy_of(&run.case, &run.cuts, &control.stage(0.0, 0.5))?;
-        let motions = run.plan.motions(1.0);
+        let framed = self.framed(&run.case, control)?;
+        let cut = self.osteotomy_of(&framed.case, &framed.cuts(&run.cuts), &control.stage(0.0, 0.5));
+        let osteotomy = framed.halt_back(cut)?;
+        let motions = framed.motions(&run.plan.motions(1.0));
         let rest = self.skin(run, &control.without_progress())?;
-        clinical_of(&run.case, &moved_bones(&osteotomy, &motions), [&rest, moved], &control.stage(0.5, 1.0))
+        let skins = [framed.surface(&rest), framed.surface(moved)];
+        let bones = moved_bones(&osteotomy, &motions);
+        let found = clinical_of(&framed.case, &bones, [&skins[0], &skins[1]], &control.stage(0.5, 1.0));
+        Ok(framed.clinical_back(&framed.halt_back(found)?))
     }
 
     fn nearest_bone(
@@ -481,14 +596,19 @@ impl Engine for Numerics {
         skin: &TriMesh,
         control: &Control,
     ) -> Result<Option<Vec<Vector>>, Halt> {
-        let osteotomy = self.osteotomy_of(case, cuts, &control.stage(0.0, 0.5))?;
-        let bones = moved_bones(&osteotomy, motions);
-        Ok(evaluate::nearest_bone_displacement(skin, &bones, &control.stage(0.5, 1.0))?)
+        let framed = self.framed(case, control)?;
+        let cut = self.osteotomy_of(&framed.case, &framed.cuts(cuts), &control.stage(0.0, 0.5));
+        let osteotomy = framed.halt_back(cut)?;
+        let bones = moved_bones(&osteotomy, &framed.motions(motions));
+        let found = evaluate::nearest_bone_displacement(&framed.surface(skin), &bones, &control.stage(0.5, 1.0))?;
+        Ok(found.map(|all| all.iter().map(|u| framed.direction_back(u)).collect()))
     }
 
-    fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool) {
-        let found = evaluate::face_regions(&case.anatomy.skin, &case.anatomy.landmarks, case.midline_x_mm);
-        (found.regions, found.from_landmarks)
+    fn regions(&self, case: &Case, control: &Control) -> Result<(Vec<FaceRegion>, bool), Halt> {
+        let framed = self.framed(case, control)?;
+        let Case { anatomy, midline_x_mm, .. } = &framed.case;
+        let found = evaluate::face_regions(&anatomy.skin, &anatomy.landmarks, *midline_x_mm);
+        Ok((framed.regions_back(&found.regions), found.from_landmarks))
     }
 
     fn error_map(

@@ -19,6 +19,8 @@ pub enum PartKind {
     Target,
     /// Landmarks and planes.
     Landmarks,
+    /// Frame of the head that a client set.
+    Frame,
     /// Settings of the distance field.
     FieldSettings,
     /// Report of the distance field.
@@ -36,7 +38,7 @@ impl PartKind {
     pub const BONES: u8 = 10;
 
     /// Every kind but the bones.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Ct,
         Self::Skin,
         Self::Skull,
@@ -44,6 +46,7 @@ impl PartKind {
         Self::SoftTissue,
         Self::Target,
         Self::Landmarks,
+        Self::Frame,
         Self::FieldSettings,
         Self::Field,
         Self::Mesh,
@@ -61,6 +64,7 @@ impl PartKind {
             Self::SoftTissue => "soft_tissue",
             Self::Target => "target",
             Self::Landmarks => "landmarks",
+            Self::Frame => "frame",
             Self::FieldSettings => "field_settings",
             Self::Field => "field",
             Self::Mesh => "mesh",

@@ -170,7 +170,7 @@ fn compared(
     };
     // Only skin that either choice moves by a tenth of a millimetre, so that the back of the head does not dilute the mean.
     let mut rows: Vec<Row> = of("face", &|i| moved[i].norm().max(from[i].norm()) > 0.1).into_iter().collect();
-    rows.extend(regions.iter().filter_map(|region| of(region.name, &|i| region.bounds.contains(&skin[i]))));
+    rows.extend(regions.iter().filter_map(|region| of(region.name, &|i| region.contains(&skin[i]))));
     rows
 }
 

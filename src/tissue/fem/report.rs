@@ -1,7 +1,7 @@
 use super::tuning::{DEEP_FREE_TISSUE_MM, REPORTED_DEPTH_MM};
 use std::fmt;
 
-use prosopon_geometry::{Point, Warning};
+use prosopon_geometry::{Motion, Point, Vector, Warning};
 
 /// Loss of strong ellipticity: equilibrium is not well posed there and depends on the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -133,6 +133,25 @@ impl BonePenetration {
 }
 
 impl StepReport {
+    /// The report with forces and places in another frame, into which `motion` maps.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        let outcome = match self.outcome {
+            StepOutcome::OutsideEllipticity(lost) => {
+                StepOutcome::OutsideEllipticity(LostEllipticity { place: motion * lost.place, ..lost })
+            }
+            StepOutcome::Converged | StepOutcome::Stabilised | StepOutcome::InsideOut { .. } => self.outcome,
+        };
+        let reaction = |(segment, force): &(u32, [f64; 3])| (*segment, (motion * Vector::from(*force)).into());
+        Self {
+            outcome,
+            bone_penetration: self.bone_penetration.map(|p| BonePenetration { place: motion * p.place, ..p }),
+            reactions_n: self.reactions_n.iter().map(reaction).collect(),
+            warnings: self.warnings.iter().map(|w| w.clone().moved(motion)).collect(),
+            ..self.clone()
+        }
+    }
+
     /// Largest depth in bone, relative to rest, of any boundary point that no bone holds, mm.
     #[must_use]
     pub fn deepest_mm(&self) -> f64 {

@@ -1,7 +1,7 @@
 use super::MeshError;
 use super::slit::OpenedSkin;
 use super::tuning::CARVE_EDGES;
-use prosopon_geometry::{Aabb, Implicit, Point, ScalarGrid, Vector};
+use prosopon_geometry::{Aabb, Implicit, PlacedGrid, Point, ScalarGrid, Vector};
 
 /// Target shape of the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,7 +86,7 @@ pub struct Domain<'a> {
     /// Air inside the head, if known.
     pub air: Option<&'a dyn Implicit>,
     /// Local mean of soft tissue, HU, NaN where unknown. It distinguishes fat from muscle.
-    pub soft_tissue: Option<&'a ScalarGrid>,
+    pub soft_tissue: Option<&'a PlacedGrid>,
     /// Region to be meshed.
     pub region: &'a Region,
 }

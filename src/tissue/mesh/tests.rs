@@ -36,7 +36,7 @@ fn a_ct_tells_fat_from_muscle_and_depth_does_where_it_says_nothing() {
     let settings = MeshSettings { edge_mm: 8.0, ..MeshSettings::default() };
     let built = |domain: &Domain<'_>| build(domain, &settings, &Control::new()).unwrap();
     let (plain, depth_report) = built(&by_depth);
-    let (mesh, report) = built(&Domain { soft_tissue: Some(&hu), ..by_depth });
+    let (mesh, report) = built(&Domain { soft_tissue: Some(&hu.into()), ..by_depth });
     assert_eq!((&mesh.tetrahedra, &mesh.positions), (&plain.tetrahedra, &plain.positions));
     assert!(report.tissue_from_ct && !depth_report.tissue_from_ct);
     assert!((0.05..0.95).contains(&depth_report.muscle_share), "{depth_report:?}");

@@ -247,9 +247,9 @@ impl Engine for StandIn {
         Ok((osteotomy, clearances))
     }
 
-    fn propose(&self, _: &TriMesh, _: &TriMesh) -> Proposal {
+    fn propose(&self, _: &Case, _: &Control) -> Result<Proposal, Halt> {
         let points = [("ans".to_owned(), Point::new(0.0, -70.0, 20.0))].into_iter().collect();
-        Proposal { points, midline_x_mm: 0.5, ..Proposal::default() }
+        Ok(Proposal { points, midline_x_mm: 0.5, ..Proposal::default() })
     }
 
     fn outline(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt> {
@@ -421,9 +421,9 @@ impl Engine for StandIn {
         Ok(motions.first().map(|(_, m)| vec![m.translation.vector * 0.7; skin.positions().len()]))
     }
 
-    fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool) {
-        let region = FaceRegion { name: "upper_lip", bounds: case.anatomy.skin.bounds() };
-        (vec![region], !case.anatomy.landmarks.is_empty())
+    fn regions(&self, case: &Case, _: &Control) -> Result<(Vec<FaceRegion>, bool), Halt> {
+        let region = FaceRegion::new("upper_lip", case.anatomy.skin.bounds());
+        Ok((vec![region], !case.anatomy.landmarks.is_empty()))
     }
 
     /// The mean shift along -y, the forward movement of a box.

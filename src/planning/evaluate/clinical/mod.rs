@@ -122,6 +122,21 @@ pub struct Clinical {
     pub left_out: Vec<(&'static str, f64)>,
 }
 
+impl Clinical {
+    /// The answers with the named points moved in space; the profile stays in its own plane.
+    #[must_use]
+    pub fn moved(&self, motion: &Motion) -> Self {
+        let point = |p: &NamedPoint| NamedPoint { rest: motion * p.rest, moved: motion * p.moved, ..p.clone() };
+        let near = self.soft.first().map_or_else(Point::origin, |p| p.rest);
+        Self {
+            midline_x_mm: (motion * Point::new(self.midline_x_mm, near.y, near.z)).x,
+            soft: self.soft.iter().map(point).collect(),
+            hard: self.hard.iter().map(point).collect(),
+            ..self.clone()
+        }
+    }
+}
+
 /// Hard points from above downwards, each with the way into its own bone, LPS mm.
 const HARD: [(&str, [f64; 3]); 7] = [
     ("ans", [0.0, INTO_BONE_MM, -INTO_BONE_MM]),

@@ -29,6 +29,8 @@ pub enum FrameBasis {
     Symmetry,
     /// Nothing of the head: the axes of the scanner.
     Scanner,
+    /// A frame that someone set.
+    Given,
 }
 
 /// Frame of a head: x to the left, y to the back, z up, perpendicular to the Frankfort horizontal.
@@ -80,6 +82,7 @@ impl HeadFrame {
             FrameBasis::Landmarks => 0.4,
             FrameBasis::Symmetry => 0.3,
             FrameBasis::Scanner => 0.0,
+            FrameBasis::Given => 1.0,
         }
     }
 }

@@ -1,14 +1,14 @@
 //! Limits of the estimate of a head's frame.
 
 /// Points of each surface.
-pub(super) const SAMPLES: usize = 900;
+pub(super) const SAMPLES: usize = 500;
 /// Points of each surface in the search from many starts, and for choosing among what these find.
-pub(super) const COARSE_SAMPLES: usize = 120;
-pub(super) const MIDDLE_SAMPLES: usize = 350;
+pub(super) const COARSE_SAMPLES: usize = 80;
+pub(super) const MIDDLE_SAMPLES: usize = 250;
 /// Iterations from each start, of those that are kept, and of the chosen planes.
-pub(super) const COARSE_ROUNDS: usize = 12;
-pub(super) const MIDDLE_ROUNDS: usize = 25;
-pub(super) const FINE_ROUNDS: usize = 120;
+pub(super) const COARSE_ROUNDS: usize = 10;
+pub(super) const MIDDLE_ROUNDS: usize = 20;
+pub(super) const FINE_ROUNDS: usize = 40;
 /// Starts that are kept.
 pub(super) const KEPT: usize = 6;
 /// Share of the points, the nearest ones to their mirror image, that count: a third of a head may be asymmetric.

@@ -40,6 +40,20 @@ pub struct Proposal {
 }
 
 impl Proposal {
+    /// The proposal in another frame, into which `motion` maps; the midline and the occlusal plane as in [`Landmarks::seen_from`].
+    #[must_use]
+    pub fn seen_from(&self, motion: &Motion, near: &Point) -> Self {
+        let Landmarks { points, midline_x_mm, occlusal_z_mm, le_fort_1_plane } = Landmarks {
+            points: self.points.clone(),
+            midline_x_mm: Some(self.midline_x_mm),
+            occlusal_z_mm: self.occlusal_z_mm,
+            le_fort_1_plane: self.le_fort_1_plane,
+        }
+        .seen_from(motion, near);
+        let midline_x_mm = midline_x_mm.unwrap_or(self.midline_x_mm);
+        Self { points, midline_x_mm, occlusal_z_mm, le_fort_1_plane, within_mm: self.within_mm.clone() }
+    }
+
     /// Fills the values that `landmarks` lacks; returns their names.
     pub fn fill(&self, landmarks: &mut Landmarks) -> Vec<String> {
         let mut filled = Vec::new();

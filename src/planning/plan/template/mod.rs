@@ -29,7 +29,7 @@ use super::pieces::crossings;
 use super::shape::{BoundedPlane, Cut};
 use prosopon_field::Envelope;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Motion, Point, Vector};
 
 /// Points and planes by which templates place their cuts, LPS mm.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -42,6 +42,22 @@ pub struct Landmarks {
     pub occlusal_z_mm: Option<f64>,
     /// Point and normal of the Le Fort I plane.
     pub le_fort_1_plane: Option<(Point, Vector)>,
+}
+
+impl Landmarks {
+    /// The landmarks in another frame, into which `motion` maps.
+    ///
+    /// The midline and the occlusal plane, which lie across an axis of their own frame, pass through `near` there (LPS mm) and lie across
+    /// the same axis of the other frame.
+    #[must_use]
+    pub fn seen_from(&self, motion: &Motion, near: &Point) -> Self {
+        Self {
+            points: self.points.iter().map(|(name, p)| (name.clone(), motion * p)).collect(),
+            midline_x_mm: self.midline_x_mm.map(|x| (motion * Point::new(x, near.y, near.z)).x),
+            occlusal_z_mm: self.occlusal_z_mm.map(|z| (motion * Point::new(near.x, near.y, z)).z),
+            le_fort_1_plane: self.le_fort_1_plane.map(|(p, normal)| (motion * p, motion * normal)),
+        }
+    }
 }
 
 /// Ready-made sets of cuts.

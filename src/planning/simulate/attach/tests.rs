@@ -5,7 +5,7 @@ use crate::plan::{BoundedPlane, Cut, Osteotomy, Segment};
 use crate::simulate::Globe;
 use prosopon_field::{MethodSettings, SignedField};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{ScalarGrid, TriMesh, Vector, isosurface};
+use prosopon_geometry::{Aabb, ScalarGrid, TriMesh, Vector, isosurface};
 use prosopon_tissue::mesh::Tissue;
 
 /// A block with vertices every 2 mm.
@@ -114,7 +114,7 @@ fn mucosa_glides_on_the_teeth_of_both_jaws() {
     assert!(tied_share.iter().all(|share| *share == 0.0));
     // Boxes of the caller replace the zone.
     let low = Aabb { min: Point::new(-30.0, -30.0, -30.0), max: Point::new(30.0, 30.0, -20.0) };
-    let boxes = AttachmentRules { sliding: Some(vec![low]), ..AttachmentRules::default() };
+    let boxes = AttachmentRules { sliding: Some(vec![MaskRegion::Box(low)]), ..AttachmentRules::default() };
     let (found, _) = attached(&heights, &bone, &boxes);
     assert_eq!(found[..3], [Gliding(1), Tied(1), Tied(1)]);
 }

@@ -2,10 +2,11 @@
 
 use rayon::prelude::*;
 
+use crate::evaluate::MaskRegion;
 use crate::plan::{DentalArch, Osteotomy, Segment, Teeth};
 use crate::simulate::CutBone;
 use crate::simulate::tuning::{BLEND_MM, ON_CUT_MM, STRIPPED_ABOVE_MM, STRIPPED_MM, TEETH_AND_GUM_MM};
-use prosopon_geometry::{Aabb, Implicit, Point};
+use prosopon_geometry::{Implicit, Point};
 
 /// A saw line between two segments of which at least one moves.
 struct SawLine {
@@ -20,7 +21,7 @@ pub(super) struct Zones<'a> {
     lines: Vec<SawLine>,
     arch: Option<&'a DentalArch>,
     /// Boxes of the caller in place of the arch.
-    boxes: Option<&'a [Aabb]>,
+    boxes: Option<&'a [MaskRegion]>,
     stripped_mm: f64,
 }
 
@@ -42,7 +43,7 @@ impl<'a> Zones<'a> {
         bone: &CutBone,
         moving: &[u32],
         arch: Option<&'a DentalArch>,
-        boxes: Option<&'a [Aabb]>,
+        boxes: Option<&'a [MaskRegion]>,
         stripped_mm: Option<f64>,
     ) -> Self {
         let osteotomy = &bone.osteotomy;

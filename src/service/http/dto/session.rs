@@ -66,7 +66,7 @@ pub struct SessionView {
     pub bytes: u64,
     /// Parts by name.
     ///
-    /// The names are `ct`, `skin`, `skull`, `air`, `soft_tissue` (fat and muscle of the CT), `target`, `landmarks`,
+    /// The names are `ct`, `skin`, `skull`, `air`, `soft_tissue` (fat and muscle of the CT), `target`, `landmarks`, `frame` (when a client set it),
     /// `field_settings`, `field`, `mesh` and `tissue`, and `bone_0` to `bone_9` for uploaded bones.
     pub parts: BTreeMap<String, PartView>,
     /// Ids of the session's osteotomies.
@@ -134,6 +134,7 @@ pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[Job
         PartKind::Ct
         | PartKind::Target
         | PartKind::Landmarks
+        | PartKind::Frame
         | PartKind::FieldSettings
         | PartKind::Tissue
         | PartKind::Bone(_) => None,
@@ -149,6 +150,7 @@ pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[Job
         | PartKind::SoftTissue
         | PartKind::Target
         | PartKind::Landmarks
+        | PartKind::Frame
         | PartKind::FieldSettings
         | PartKind::Tissue
         | PartKind::Bone(_) => false,

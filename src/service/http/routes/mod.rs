@@ -14,6 +14,7 @@ mod budget;
 mod compare;
 mod events;
 mod field;
+mod frame;
 mod health;
 mod inputs;
 mod jobs;
@@ -68,6 +69,7 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(sessions::get, sessions::delete))
         .routes(routes!(sessions::restore))
         .routes(routes!(landmarks::get, landmarks::put))
+        .routes(routes!(frame::get, frame::put, frame::delete))
         .routes(routes!(field::put_settings))
         .routes(routes!(field::get, field::build))
         .routes(routes!(field::slice))

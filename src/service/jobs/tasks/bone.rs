@@ -2,11 +2,11 @@ use std::time::Instant;
 
 use crate::Service;
 use crate::kept::case_of;
-use prosopon_contract::{Cuts, Fault, Halt, OsteotomyDocument, PlanDocument, to_json};
+use prosopon_contract::{Cuts, Fault, FrameDocument, Halt, OsteotomyDocument, PlanDocument, to_json};
 use prosopon_geometry::Warning;
 use prosopon_geometry::control::Control;
 use prosopon_planning::plan::{Cut, Plan, Proposal};
-use prosopon_session::{Case, Engine, SessionParts, load_mesh};
+use prosopon_session::{Case, Engine, SessionParts};
 use prosopon_store::{OsteotomyId, OsteotomyRecord, PartKind, SessionId, encode_mesh, now_rfc3339};
 
 /// Cuts the bone of a session and stores the segments' surfaces; the caller inserts the returned row.
@@ -70,14 +70,26 @@ pub async fn place_cuts(
     service.compute(move |engine, control| engine.place(&case, &cuts, control)).await
 }
 
+/// The frame of the head of a session, in which the numerics run.
+///
+/// # Errors
+/// [`FaultKind::NotFound`](prosopon_contract::FaultKind::NotFound) when skin or skull is missing, or the store's.
+pub async fn frame_of(service: &Service, parts: &SessionParts) -> Result<FrameDocument, Fault> {
+    parts.require(PartKind::Skin)?;
+    parts.require(PartKind::Skull)?;
+    let case = case_of(service, parts).await?;
+    service.compute(move |engine, control| Ok(FrameDocument::from(&engine.frame(&case, control)?))).await
+}
+
 /// Proposes landmarks from the skin and skull of a session.
 ///
 /// # Errors
 /// [`FaultKind::NotFound`](prosopon_contract::FaultKind::NotFound) when skin or skull is missing, or the store's.
 pub async fn propose_landmarks(service: &Service, parts: &SessionParts) -> Result<Proposal, Fault> {
-    let skin = load_mesh(&service.store, parts.require(PartKind::Skin)?).await?;
-    let skull = load_mesh(&service.store, parts.require(PartKind::Skull)?).await?;
-    service.compute(move |engine, _| Ok::<_, Halt>(engine.propose(&skin, &skull))).await
+    parts.require(PartKind::Skin)?;
+    parts.require(PartKind::Skull)?;
+    let case = case_of(service, parts).await?;
+    service.compute(move |engine, control| engine.propose(&case, control)).await
 }
 
 /// A plan with the displacements along its paths.

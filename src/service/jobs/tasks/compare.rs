@@ -99,7 +99,7 @@ impl Comparison {
         let both = |a: Vec<bool>| -> Vec<bool> { a.into_iter().zip(&without).map(|(a, b)| a && *b).collect() };
         let regions =
             face.map_or_else(Default::default, |(points, midline)| face_regions(rest, &points, midline)).regions;
-        let in_face = |p: &Point| regions.iter().any(|r| r.bounds.contains(p));
+        let in_face = |p: &Point| regions.iter().any(|r| r.contains(p));
         let (mask_name, counted) = if !self.mask.is_empty() {
             ("given", self.mask.of(&mesh))
         } else if self.face_only && !regions.is_empty() {

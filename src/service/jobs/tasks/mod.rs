@@ -15,7 +15,7 @@ mod volume;
 pub use baselines::BoneBelow;
 pub(super) use baselines::{Mapped, baselines, follow_bone};
 pub(crate) use bone::measured;
-pub use bone::{cut_bone, make_plan, measure_plan, place_cuts, propose_landmarks};
+pub use bone::{cut_bone, frame_of, make_plan, measure_plan, place_cuts, propose_landmarks};
 pub(crate) use checks::input_warnings;
 pub use checks::landmark_warnings;
 pub use compare::{Compared, Comparison, Prediction, compare};

@@ -45,6 +45,7 @@ pub(super) async fn again(
         PartKind::Ct
         | PartKind::Target
         | PartKind::Landmarks
+        | PartKind::Frame
         | PartKind::FieldSettings
         | PartKind::Field
         | PartKind::Mesh

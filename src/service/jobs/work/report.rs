@@ -6,8 +6,9 @@ use serde_json::{Map, Value, json};
 use crate::requests::SolveTask;
 use crate::running::step_warning;
 use prosopon_contract::{
-    BudgetDocument, ClinicalDocument, CtDocument, ErrorDocument, Fault, FieldDocument, Findings, MeshDocument,
-    PhasesDocument, ReportDocument, ReportInput, StepDocument, SurfaceDocument, WarningDocument, from_json,
+    BudgetDocument, ClinicalDocument, CtDocument, ErrorDocument, Fault, FieldDocument, Findings, FrameDocument,
+    MeshDocument, PhasesDocument, ReportDocument, ReportInput, StepDocument, SurfaceDocument, WarningDocument,
+    from_json,
 };
 use prosopon_geometry::Warning;
 use prosopon_planning::evaluate::Clinical;
@@ -27,6 +28,7 @@ pub(super) struct Ingredients<'a> {
     /// Computing time of the mesh, s.
     pub(super) mesh_s: f64,
     pub(super) regions_from_landmarks: bool,
+    pub(super) frame: FrameDocument,
     pub(super) clinical: Option<&'a Clinical>,
     pub(super) solve_s: f64,
     /// What was chosen for a budget, with what it cost.
@@ -74,6 +76,7 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         clinical,
         error,
         regions_from_landmarks: i.regions_from_landmarks,
+        frame: Some(i.frame.clone()),
         unconfirmed_landmarks,
         findings,
     })
@@ -142,7 +145,7 @@ pub(super) fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInpu
                 Some(read::<SurfaceDocument>(&part.document)?.origin.sha256)
             }
             PartKind::Ct => Some(read::<CtDocument>(&part.document)?.sha256),
-            PartKind::Landmarks => None,
+            PartKind::Landmarks | PartKind::Frame => None,
             PartKind::Tissue => Some(part.key.clone()),
             // These are derived from the other parts.
             PartKind::SoftTissue | PartKind::FieldSettings | PartKind::Field | PartKind::Mesh => continue,

@@ -160,6 +160,7 @@ async fn report(
         clinical: None,
         error: None,
         regions_from_landmarks: false,
+        frame: None,
         unconfirmed_landmarks: Vec::new(),
         findings,
     })

@@ -14,8 +14,8 @@ use crate::requests::{MeshChoice, SolveKind, SolveTask};
 use crate::running::Phase;
 use crate::tasks::{input_warnings, measured};
 use prosopon_contract::{
-    BudgetDocument, Halt, MeshDocument, MeshRequest, MouthDocument, PresetName, TissueLawsDocument, WarningDocument,
-    stored_cuts, to_json,
+    BudgetDocument, FrameDocument, Halt, MeshDocument, MeshRequest, MouthDocument, PresetName, TissueLawsDocument,
+    WarningDocument, stored_cuts, to_json,
 };
 use prosopon_geometry::Warning;
 use prosopon_planning::evaluate::Clinical;
@@ -37,6 +37,7 @@ struct Solved {
     solving: Duration,
     mesh: Option<(MeshReport, f64)>,
     regions_from_landmarks: bool,
+    frame: FrameDocument,
     clinical: Option<Clinical>,
     budget: Option<BudgetDocument>,
     warnings: Vec<WarningDocument>,
@@ -146,6 +147,7 @@ async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
         outcome: &solved.outcome,
         steps: &steps,
         regions_from_landmarks: solved.regions_from_landmarks,
+        frame: solved.frame,
         clinical: solved.clinical.as_ref(),
         solve_s: solved.solving.as_secs_f64(),
         budget,
@@ -200,11 +202,12 @@ async fn compute(
     let running = Arc::clone(&context.running);
     context
         .compute(move |engine, control| {
-            let (mut regions, regions_from_landmarks) = engine.regions(&run.case);
+            let (mut regions, regions_from_landmarks) = engine.regions(&run.case, &control.without_progress())?;
+            let frame = FrameDocument::from(&engine.frame(&run.case, control)?);
             if reference.is_none() {
                 regions.clear();
             }
-            let in_face = |p| regions.iter().any(|r| r.bounds.contains(p));
+            let in_face = |p| regions.iter().any(|r| r.contains(p));
             let skin = engine.skin(&run, &control.without_progress())?;
             let mask = skin.positions().iter().map(in_face).collect();
             let cancel = control.stage(0.0, 0.0);
@@ -245,7 +248,7 @@ async fn compute(
             };
             let tissue =
                 tissue.then(|| engine.tissue_file(&run, &outcome, &control.stage(SOLVING, 1.0))).transpose()?;
-            Ok(Solved { outcome, tissue, solving, mesh, regions_from_landmarks, clinical, budget, warnings })
+            Ok(Solved { outcome, tissue, solving, mesh, regions_from_landmarks, frame, clinical, budget, warnings })
         })
         .await
 }

@@ -143,7 +143,16 @@ impl Case<'_> {
 
     fn plan(&self, cut: &Cut) -> Result<String, DemoError> {
         let path = self.path("plans");
-        let end = json!({ "t": 1.0, "translation_mm": [0.0, -self.args.forward_mm, -self.args.down_mm] });
+        // Forward and down as the head lies.
+        let frame_path = self.path("frame");
+        let frame = self.client.get(&frame_path)?;
+        let axis = |name: &'static str| {
+            let missing = DemoError::Answer { path: frame_path.clone(), field: name };
+            serde_json::from_value::<[f64; 3]>(frame[name].clone()).map_err(|_| missing)
+        };
+        let (back, up) = (axis("back")?, axis("up")?);
+        let by = [0, 1, 2].map(|k| -self.args.forward_mm * back[k] - self.args.down_mm * up[k]);
+        let end = json!({ "t": 1.0, "translation_mm": by });
         let body = json!({
             "osteotomy": cut.osteotomy,
             "paths": [{ "segment": cut.segment, "waypoints": [end] }],

@@ -36,4 +36,5 @@ mod security;
 mod several_processes;
 mod skin_follows_jaw;
 mod support;
+mod turned_head;
 mod wrong_frames;

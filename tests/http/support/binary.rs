@@ -126,6 +126,10 @@ impl Server {
         Reply::of(self.agent.post(format!("{}{path}", self.url)).send_json(body).unwrap())
     }
 
+    pub(crate) fn delete(&self, path: &str) -> Reply {
+        Reply::of(self.agent.delete(format!("{}{path}", self.url)).call().unwrap())
+    }
+
     pub(crate) fn put_json(&self, path: &str, body: &Value) -> Reply {
         Reply::of(self.agent.put(format!("{}{path}", self.url)).send_json(body).unwrap())
     }

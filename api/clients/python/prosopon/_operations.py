@@ -303,6 +303,31 @@ class Operations(Transport):
         )
         return self.get_bytes(_path)
 
+    def get_frame(self, session: str) -> t.FrameDocument:
+        """Read the frame of the head."""
+        _path = self.path("/v1/sessions/{session}/frame", session=session)
+        _result: t.FrameDocument = self.request("GET", _path)
+        return _result
+
+    def put_frame(
+        self,
+        session: str,
+        back: List[float],
+        left: List[float],
+        origin_mm: List[float],
+        up: List[float],
+    ) -> t.FrameRequest:
+        """Set the frame of the head."""
+        _path = self.path("/v1/sessions/{session}/frame", session=session)
+        _body = given(back=back, left=left, origin_mm=origin_mm, up=up)
+        _result: t.FrameRequest = self.request("PUT", _path, _body)
+        return _result
+
+    def delete_frame(self, session: str) -> None:
+        """Return to the estimated frame."""
+        _path = self.path("/v1/sessions/{session}/frame", session=session)
+        self.request("DELETE", _path)
+
     def solve(
         self,
         session: str,

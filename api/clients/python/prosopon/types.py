@@ -49,6 +49,9 @@ __all__ = [
     "FieldSettingsDocument",
     "FieldView",
     "Findings",
+    "FrameBasisName",
+    "FrameDocument",
+    "FrameRequest",
     "FreePartDocument",
     "Hinge",
     "HistogramBin",
@@ -714,6 +717,35 @@ class FieldView(_FieldViewRequired, total=False):
     """The distance fields of a session."""
 
     report: Optional[FieldDocument]  # Report of the last build; `null` before the first build.
+
+
+FrameBasisName = Literal["landmarks", "symmetry", "scanner", "given"]  # What a frame rests on.
+
+
+class FrameDocument(Findings):
+    """The frame of a head: x to its left, y to its back, z up, perpendicular to the Frankfort horizontal."""
+
+    asymmetry_mm: float  # Mean distance between the surfaces and their mirror images over the most symmetric 70 %, mm.
+    back: List[float]  # Unit vector to the patient's back, LPS.
+    basis: FrameBasisName  # What it rests on.
+    confidence: float  # How sure it is, 0 to 1; below 0.5 it should be looked at.
+    landmarks: int  # Number of landmarks that were found.
+    left: List[float]  # Unit vector to the patient's left, LPS.
+    # Origin: in the midsagittal plane, at the depth of the anterior nasal spine and the height of the occlusal plane, LPS mm.
+    origin_mm: List[float]
+    # How far the head is turned in the scanner, degrees: nodding down, tilted to its left, turned to its left.
+    pitch_roll_yaw_deg: List[float]
+    unlike_mm: float  # Mean distance of these from the landmarks of an average head, mm.
+    up: List[float]  # Unit vector to the top of the head, LPS.
+
+
+class FrameRequest(TypedDict):
+    """The frame of a head that a client sets: its axes in LPS of the scan."""
+
+    back: List[float]  # Unit vector to the patient's back; the face looks the other way.
+    left: List[float]  # Unit vector to the patient's left.
+    origin_mm: List[float]  # A point of the midsagittal plane near the upper incisors, LPS mm.
+    up: List[float]  # Unit vector to the top of the head.
 
 
 class FreePartDocument(TypedDict):
@@ -1463,6 +1495,7 @@ class ReportDocument(_ReportDocumentRequired, total=False):
     clinical: Optional[ClinicalDocument]
     error: Optional[ErrorDocument]  # Error of the last step, when there is a reference.
     field: Optional[FieldDocument]  # The distance fields; absent for an uploaded tissue mesh.
+    frame: Optional[FrameDocument]  # Frame of the head: forward, down and left of this report are its directions.
     left_out: Optional[LeftOutDocument]  # Tissue that was left out; absent when all was kept.
     mesh: Optional[MeshDocument]  # The tissue mesh; absent for an uploaded tissue mesh.
     segment_names: Dict[str, str]  # Names of the bone segments by number, as the osteotomy suggested them.
@@ -1692,7 +1725,7 @@ class _StepDocumentRequired(Findings):
 class StepDocument(_StepDocumentRequired, total=False):
     """Cost and result of a step."""
 
-    free_penetration_mm: float  # Largest penetration of free boundary nodes into bone beyond that at rest, mm.
+    free_penetration_mm: float  # Largest penetration of boundary nodes that no bone holds into bone beyond that at rest, mm.
     gliding_gap_mm: float  # Largest change of distance between bone and tissue that glides on it, mm.
     outcome: str  # How the step ended: `converged`, `stabilised`, `outside_ellipticity` or `inside_out`.
     phases: StepPhasesDocument  # Wall time of the solver's phases.
@@ -1923,7 +1956,7 @@ VolumetricName = Literal["logarithmic", "quadratic"]
 
 
 # Kind of a finding (`api/warnings.md`).
-WarningCode = Literal["several-series", "several-volumes", "interleaved-stacks", "localizers-left-out", "slices-left-out", "duplicate-images", "one-slice", "tilted-slices", "uneven-slices", "padding-set-to-air", "padding-in-tissue", "decimal-commas", "no-rescale", "rescale-given", "lossy-compression", "files-skipped", "voxels-without-value", "clamped-voxels", "no-air", "bytes-after-voxels", "no-orientation", "sform-differs", "sform-scale-differs", "one-form-not-usable", "directions-not-unit", "anatomical-orientation-differs", "no-unit", "converted-unit", "unusual-size", "landmarks-from-ras", "no-coordinate-system", "landmarks-unit", "landmarks-renamed", "landmarks-not-known", "no-known-landmark", "landmarks-without-side", "doubtful-landmark-name", "landmarks-not-placed", "markups-left-out", "transform-file", "rotation-adjusted", "split-polygons", "faces-left-out", "repeated-vertices", "unused-vertices", "stated-frame", "unclear-frame", "stated-unit", "unclear-unit", "split-vertices", "joined-edges", "repeated-triangles", "second-sides", "turned-triangles", "one-sided-parts", "count-from-length", "bytes-after-triangles", "bytes-after-elements", "cells-without-volume", "points-without-cell", "array-without-numbers", "implausible-size", "levels-from-histogram", "levels-from-thresholds", "head-cut", "chin-cut", "noisy-volume", "airways-closed", "coarser-lattice", "removed-beside-head", "metal", "dense-left-out", "skin-parts-dropped", "bone-pieces-dropped", "open-surface", "duplicate-triangles", "opposed-triangles", "triangles-without-area", "surface-inside-out", "partly-inside-out", "encloses-nothing", "cavities-filled", "envelope-parts-dropped", "surfaces-cross", "surfaces-wrong-frame", "sign-at-open-edges", "sign-at-duplicates", "tolerance-below-rounding", "partial-field", "proposed-landmarks", "landmarks-off-surface", "landmarks-wrong-frame", "landmarks-sides-exchanged", "landmarks-out-of-order", "template-idle", "le-fort-1-steps", "cut-parts-little", "bridges-parted", "fragments-kept", "below-margin", "cut-misses-bone", "bone-not-parted", "plan-not-measured", "landmarks-not-used", "distances-not-measured", "large-displacement", "large-rotation", "bone-overlap", "wide-gap", "mesh-edge-shortened", "cartilage-not-placed", "mesh-pockets", "mesh-prisms-left-out", "mesh-loose-parts", "mouth-parted", "mouth-elsewhere", "globes-placed", "globes-uneven", "globes-not-placed", "mouth-skin-cut", "mouth-not-parted", "mouth-corners", "mouth-depth", "region-lacks-bone", "skin-off-prisms", "mucosa-nodes", "teeth-not-found", "stripped-nodes", "saw-line-nodes", "globe-nodes", "inner-cut-nodes", "paint-without-nodes", "twisted-wedges", "tetrahedra-turned", "no-tissue-array", "no-attachment-array", "coincident-points", "creased-skin", "flattened-skin", "skin-wedges", "unstable-material", "material-not-used", "implausible-stiffness", "stiff-elements", "stiff-smoothed-elements", "materials-replaced", "no-bone-to-slide-on", "no-point-slides", "segment-moves-nothing", "tied-to-still-segment", "held-tied-nodes", "held-inside-bone", "oblique-tangents", "facing-overlap-at-rest", "globe-pressed", "overlap-at-rest", "free-tissue-in-bone", "tissue-through-bone", "tissue-round-rim", "shortened-substeps", "squeezed-elements", "neglected-strain", "inside-out-elements", "lost-ellipticity", "left-out-moves", "size-mismatch", "surfaces-apart", "not-registered", "registration-oscillates", "registration-far", "registration-overlap", "registration-mirrored", "eyes-not-placed", "different-plans", "step-not-compared", "budget-continued", "budget-ended", "budget-missed", "budget-not-studied", "error-not-estimated", "joined-lips", "points-not-measured", "unconfirmed-landmarks", "regions-by-proportions", "made-again", "text", "path-stopped", "no-stresses"]
+WarningCode = Literal["several-series", "several-volumes", "interleaved-stacks", "localizers-left-out", "slices-left-out", "duplicate-images", "one-slice", "tilted-slices", "gaps-between-slices", "uneven-slices", "padding-set-to-air", "padding-in-tissue", "decimal-commas", "no-rescale", "rescale-given", "lossy-compression", "files-skipped", "voxels-without-value", "clamped-voxels", "no-air", "bytes-after-voxels", "no-orientation", "sform-differs", "sform-scale-differs", "one-form-not-usable", "directions-not-unit", "anatomical-orientation-differs", "no-unit", "converted-unit", "unusual-size", "landmarks-from-ras", "no-coordinate-system", "landmarks-unit", "landmarks-renamed", "landmarks-not-known", "no-known-landmark", "landmarks-without-side", "doubtful-landmark-name", "landmarks-not-placed", "markups-left-out", "transform-file", "rotation-adjusted", "split-polygons", "faces-left-out", "repeated-vertices", "unused-vertices", "stated-frame", "unclear-frame", "stated-unit", "unclear-unit", "split-vertices", "joined-edges", "repeated-triangles", "second-sides", "turned-triangles", "one-sided-parts", "count-from-length", "bytes-after-triangles", "bytes-after-elements", "cells-without-volume", "points-without-cell", "array-without-numbers", "implausible-size", "levels-from-histogram", "levels-from-thresholds", "head-cut", "chin-cut", "noisy-volume", "airways-closed", "coarser-lattice", "removed-beside-head", "metal", "dense-left-out", "skin-parts-dropped", "bone-pieces-dropped", "open-surface", "duplicate-triangles", "opposed-triangles", "triangles-without-area", "surface-inside-out", "partly-inside-out", "encloses-nothing", "cavities-filled", "envelope-parts-dropped", "surfaces-cross", "surfaces-wrong-frame", "sign-at-open-edges", "sign-at-duplicates", "tolerance-below-rounding", "partial-field", "proposed-landmarks", "landmarks-off-surface", "frame-doubtful", "landmarks-wrong-frame", "landmarks-sides-exchanged", "landmarks-out-of-order", "template-idle", "le-fort-1-steps", "cut-parts-little", "bridges-parted", "fragments-kept", "below-margin", "cut-misses-bone", "bone-not-parted", "plan-not-measured", "landmarks-not-used", "distances-not-measured", "large-displacement", "large-rotation", "bone-overlap", "wide-gap", "mesh-edge-shortened", "cartilage-not-placed", "mesh-pockets", "mesh-prisms-left-out", "mesh-loose-parts", "mouth-parted", "mouth-elsewhere", "globes-placed", "globes-uneven", "globes-not-placed", "mouth-skin-cut", "mouth-not-parted", "mouth-corners", "mouth-depth", "region-lacks-bone", "skin-off-prisms", "mucosa-nodes", "teeth-not-found", "stripped-nodes", "saw-line-nodes", "globe-nodes", "inner-cut-nodes", "paint-without-nodes", "twisted-wedges", "tetrahedra-turned", "no-tissue-array", "no-attachment-array", "coincident-points", "creased-skin", "flattened-skin", "skin-wedges", "unstable-material", "material-not-used", "implausible-stiffness", "stiff-elements", "stiff-smoothed-elements", "materials-replaced", "no-bone-to-slide-on", "no-point-slides", "segment-moves-nothing", "tied-to-still-segment", "held-tied-nodes", "held-inside-bone", "oblique-tangents", "facing-overlap-at-rest", "globe-pressed", "overlap-at-rest", "free-tissue-in-bone", "tissue-through-bone", "tissue-round-rim", "shortened-substeps", "squeezed-elements", "neglected-strain", "inside-out-elements", "lost-ellipticity", "left-out-moves", "size-mismatch", "surfaces-apart", "not-registered", "registration-oscillates", "registration-far", "registration-overlap", "registration-mirrored", "eyes-not-placed", "different-plans", "step-not-compared", "budget-continued", "budget-ended", "budget-missed", "budget-not-studied", "error-not-estimated", "joined-lips", "points-not-measured", "unconfirmed-landmarks", "regions-by-proportions", "made-again", "text", "path-stopped", "no-stresses"]
 
 
 class _WarningDocumentRequired(TypedDict):

@@ -710,6 +710,37 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/sessions/{session}/frame": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read the frame of the head
+         * @description Where the patient's left, back and top are in the scan. The service computes in this frame: templates, proposals, regions of the
+         *     face and the lattice of the mesh follow it, however the head lay in the scanner. It is estimated from skin and skull, unless a client
+         *     set it. `forward`, `down` and `left` in reports are its directions; all coordinates stay in LPS of the scan.
+         */
+        get: operations["getFrame"];
+        /**
+         * Set the frame of the head
+         * @description Takes the place of the estimate, for a front-end's own frame or the natural head position. Fields, meshes and osteotomies made in another
+         *     frame become stale.
+         */
+        put: operations["putFrame"];
+        post?: never;
+        /**
+         * Return to the estimated frame
+         * @description Removes the frame that a client set. Answers 204 also when there is none.
+         */
+        delete: operations["deleteFrame"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/sessions/{session}/jobs": {
         parameters: {
             query?: never;
@@ -1876,6 +1907,59 @@ export interface components {
             notes?: components["schemas"]["WarningDocument"][];
             /** @description What someone should look at, or what is not to be relied on. A normal run has none. */
             warnings?: components["schemas"]["WarningDocument"][];
+        };
+        /**
+         * @description What a frame rests on.
+         * @enum {string}
+         */
+        FrameBasisName: "landmarks" | "symmetry" | "scanner" | "given";
+        /**
+         * @description The frame of a head: x to its left, y to its back, z up, perpendicular to the Frankfort horizontal.
+         *
+         *     The service computes in it, so that a prediction does not depend on how the head lay in the scanner. Requests and answers stay in LPS of
+         *     the scan, but where they speak of forward, down and left: these are the frame's.
+         */
+        FrameDocument: components["schemas"]["Findings"] & {
+            /**
+             * Format: double
+             * @description Mean distance between the surfaces and their mirror images over the most symmetric 70 %, mm.
+             */
+            asymmetry_mm: number;
+            /** @description Unit vector to the patient's back, LPS. */
+            back: number[];
+            /** @description What it rests on. */
+            basis: components["schemas"]["FrameBasisName"];
+            /**
+             * Format: double
+             * @description How sure it is, 0 to 1; below 0.5 it should be looked at.
+             */
+            confidence: number;
+            /** @description Number of landmarks that were found. */
+            landmarks: number;
+            /** @description Unit vector to the patient's left, LPS. */
+            left: number[];
+            /** @description Origin: in the midsagittal plane, at the depth of the anterior nasal spine and the height of the occlusal plane, LPS mm. */
+            origin_mm: number[];
+            /** @description How far the head is turned in the scanner, degrees: nodding down, tilted to its left, turned to its left. */
+            pitch_roll_yaw_deg: number[];
+            /**
+             * Format: double
+             * @description Mean distance of these from the landmarks of an average head, mm.
+             */
+            unlike_mm: number;
+            /** @description Unit vector to the top of the head, LPS. */
+            up: number[];
+        };
+        /** @description The frame of a head that a client sets: its axes in LPS of the scan. */
+        FrameRequest: {
+            /** @description Unit vector to the patient's back; the face looks the other way. */
+            back: number[];
+            /** @description Unit vector to the patient's left. */
+            left: number[];
+            /** @description A point of the midsagittal plane near the upper incisors, LPS mm. */
+            origin_mm: number[];
+            /** @description Unit vector to the top of the head. */
+            up: number[];
         };
         /** @description A part of bone that is separate without a cut. */
         FreePartDocument: {
@@ -3182,6 +3266,7 @@ export interface components {
              * @description Version of the layout of this document.
              */
             format_version: number;
+            frame?: components["schemas"]["FrameDocument"] | null;
             /** @description Input parts by name. */
             inputs: {
                 [key: string]: components["schemas"]["ReportInput"];
@@ -3372,7 +3457,7 @@ export interface components {
             /**
              * @description Parts by name.
              *
-             *     The names are `ct`, `skin`, `skull`, `air`, `soft_tissue` (fat and muscle of the CT), `target`, `landmarks`,
+             *     The names are `ct`, `skin`, `skull`, `air`, `soft_tissue` (fat and muscle of the CT), `target`, `landmarks`, `frame` (when a client set it),
              *     `field_settings`, `field`, `mesh` and `tissue`, and `bone_0` to `bone_9` for uploaded bones.
              */
             parts: {
@@ -3615,9 +3700,9 @@ export interface components {
             factorisations: number;
             /**
              * Format: double
-             * @description Largest penetration of free boundary nodes into bone beyond that at rest, mm.
+             * @description Largest penetration of boundary nodes that no bone holds into bone beyond that at rest, mm.
              *
-             *     Contact acts on sliding nodes only.
+             *     Contact does not act on free nodes, and at points of faces only: beside sharp edges nodes lie deeper than these.
              */
             free_penetration_mm?: number;
             /**
@@ -4034,7 +4119,7 @@ export interface components {
          * @description Kind of a finding (`api/warnings.md`).
          * @enum {string}
          */
-        WarningCode: "several-series" | "several-volumes" | "interleaved-stacks" | "localizers-left-out" | "slices-left-out" | "duplicate-images" | "one-slice" | "tilted-slices" | "uneven-slices" | "padding-set-to-air" | "padding-in-tissue" | "decimal-commas" | "no-rescale" | "rescale-given" | "lossy-compression" | "files-skipped" | "voxels-without-value" | "clamped-voxels" | "no-air" | "bytes-after-voxels" | "no-orientation" | "sform-differs" | "sform-scale-differs" | "one-form-not-usable" | "directions-not-unit" | "anatomical-orientation-differs" | "no-unit" | "converted-unit" | "unusual-size" | "landmarks-from-ras" | "no-coordinate-system" | "landmarks-unit" | "landmarks-renamed" | "landmarks-not-known" | "no-known-landmark" | "landmarks-without-side" | "doubtful-landmark-name" | "landmarks-not-placed" | "markups-left-out" | "transform-file" | "rotation-adjusted" | "split-polygons" | "faces-left-out" | "repeated-vertices" | "unused-vertices" | "stated-frame" | "unclear-frame" | "stated-unit" | "unclear-unit" | "split-vertices" | "joined-edges" | "repeated-triangles" | "second-sides" | "turned-triangles" | "one-sided-parts" | "count-from-length" | "bytes-after-triangles" | "bytes-after-elements" | "cells-without-volume" | "points-without-cell" | "array-without-numbers" | "implausible-size" | "levels-from-histogram" | "levels-from-thresholds" | "head-cut" | "chin-cut" | "noisy-volume" | "airways-closed" | "coarser-lattice" | "removed-beside-head" | "metal" | "dense-left-out" | "skin-parts-dropped" | "bone-pieces-dropped" | "open-surface" | "duplicate-triangles" | "opposed-triangles" | "triangles-without-area" | "surface-inside-out" | "partly-inside-out" | "encloses-nothing" | "cavities-filled" | "envelope-parts-dropped" | "surfaces-cross" | "surfaces-wrong-frame" | "sign-at-open-edges" | "sign-at-duplicates" | "tolerance-below-rounding" | "partial-field" | "proposed-landmarks" | "landmarks-off-surface" | "landmarks-wrong-frame" | "landmarks-sides-exchanged" | "landmarks-out-of-order" | "template-idle" | "le-fort-1-steps" | "cut-parts-little" | "bridges-parted" | "fragments-kept" | "below-margin" | "cut-misses-bone" | "bone-not-parted" | "plan-not-measured" | "landmarks-not-used" | "distances-not-measured" | "large-displacement" | "large-rotation" | "bone-overlap" | "wide-gap" | "mesh-edge-shortened" | "cartilage-not-placed" | "mesh-pockets" | "mesh-prisms-left-out" | "mesh-loose-parts" | "mouth-parted" | "mouth-elsewhere" | "globes-placed" | "globes-uneven" | "globes-not-placed" | "mouth-skin-cut" | "mouth-not-parted" | "mouth-corners" | "mouth-depth" | "region-lacks-bone" | "skin-off-prisms" | "mucosa-nodes" | "teeth-not-found" | "stripped-nodes" | "saw-line-nodes" | "globe-nodes" | "inner-cut-nodes" | "paint-without-nodes" | "twisted-wedges" | "tetrahedra-turned" | "no-tissue-array" | "no-attachment-array" | "coincident-points" | "creased-skin" | "flattened-skin" | "skin-wedges" | "unstable-material" | "material-not-used" | "implausible-stiffness" | "stiff-elements" | "stiff-smoothed-elements" | "materials-replaced" | "no-bone-to-slide-on" | "no-point-slides" | "segment-moves-nothing" | "tied-to-still-segment" | "held-tied-nodes" | "held-inside-bone" | "oblique-tangents" | "facing-overlap-at-rest" | "globe-pressed" | "overlap-at-rest" | "free-tissue-in-bone" | "tissue-through-bone" | "tissue-round-rim" | "shortened-substeps" | "squeezed-elements" | "neglected-strain" | "inside-out-elements" | "lost-ellipticity" | "left-out-moves" | "size-mismatch" | "surfaces-apart" | "not-registered" | "registration-oscillates" | "registration-far" | "registration-overlap" | "registration-mirrored" | "eyes-not-placed" | "different-plans" | "step-not-compared" | "budget-continued" | "budget-ended" | "budget-missed" | "budget-not-studied" | "error-not-estimated" | "joined-lips" | "points-not-measured" | "unconfirmed-landmarks" | "regions-by-proportions" | "made-again" | "text" | "path-stopped" | "no-stresses";
+        WarningCode: "several-series" | "several-volumes" | "interleaved-stacks" | "localizers-left-out" | "slices-left-out" | "duplicate-images" | "one-slice" | "tilted-slices" | "gaps-between-slices" | "uneven-slices" | "padding-set-to-air" | "padding-in-tissue" | "decimal-commas" | "no-rescale" | "rescale-given" | "lossy-compression" | "files-skipped" | "voxels-without-value" | "clamped-voxels" | "no-air" | "bytes-after-voxels" | "no-orientation" | "sform-differs" | "sform-scale-differs" | "one-form-not-usable" | "directions-not-unit" | "anatomical-orientation-differs" | "no-unit" | "converted-unit" | "unusual-size" | "landmarks-from-ras" | "no-coordinate-system" | "landmarks-unit" | "landmarks-renamed" | "landmarks-not-known" | "no-known-landmark" | "landmarks-without-side" | "doubtful-landmark-name" | "landmarks-not-placed" | "markups-left-out" | "transform-file" | "rotation-adjusted" | "split-polygons" | "faces-left-out" | "repeated-vertices" | "unused-vertices" | "stated-frame" | "unclear-frame" | "stated-unit" | "unclear-unit" | "split-vertices" | "joined-edges" | "repeated-triangles" | "second-sides" | "turned-triangles" | "one-sided-parts" | "count-from-length" | "bytes-after-triangles" | "bytes-after-elements" | "cells-without-volume" | "points-without-cell" | "array-without-numbers" | "implausible-size" | "levels-from-histogram" | "levels-from-thresholds" | "head-cut" | "chin-cut" | "noisy-volume" | "airways-closed" | "coarser-lattice" | "removed-beside-head" | "metal" | "dense-left-out" | "skin-parts-dropped" | "bone-pieces-dropped" | "open-surface" | "duplicate-triangles" | "opposed-triangles" | "triangles-without-area" | "surface-inside-out" | "partly-inside-out" | "encloses-nothing" | "cavities-filled" | "envelope-parts-dropped" | "surfaces-cross" | "surfaces-wrong-frame" | "sign-at-open-edges" | "sign-at-duplicates" | "tolerance-below-rounding" | "partial-field" | "proposed-landmarks" | "landmarks-off-surface" | "frame-doubtful" | "landmarks-wrong-frame" | "landmarks-sides-exchanged" | "landmarks-out-of-order" | "template-idle" | "le-fort-1-steps" | "cut-parts-little" | "bridges-parted" | "fragments-kept" | "below-margin" | "cut-misses-bone" | "bone-not-parted" | "plan-not-measured" | "landmarks-not-used" | "distances-not-measured" | "large-displacement" | "large-rotation" | "bone-overlap" | "wide-gap" | "mesh-edge-shortened" | "cartilage-not-placed" | "mesh-pockets" | "mesh-prisms-left-out" | "mesh-loose-parts" | "mouth-parted" | "mouth-elsewhere" | "globes-placed" | "globes-uneven" | "globes-not-placed" | "mouth-skin-cut" | "mouth-not-parted" | "mouth-corners" | "mouth-depth" | "region-lacks-bone" | "skin-off-prisms" | "mucosa-nodes" | "teeth-not-found" | "stripped-nodes" | "saw-line-nodes" | "globe-nodes" | "inner-cut-nodes" | "paint-without-nodes" | "twisted-wedges" | "tetrahedra-turned" | "no-tissue-array" | "no-attachment-array" | "coincident-points" | "creased-skin" | "flattened-skin" | "skin-wedges" | "unstable-material" | "material-not-used" | "implausible-stiffness" | "stiff-elements" | "stiff-smoothed-elements" | "materials-replaced" | "no-bone-to-slide-on" | "no-point-slides" | "segment-moves-nothing" | "tied-to-still-segment" | "held-tied-nodes" | "held-inside-bone" | "oblique-tangents" | "facing-overlap-at-rest" | "globe-pressed" | "overlap-at-rest" | "free-tissue-in-bone" | "tissue-through-bone" | "tissue-round-rim" | "shortened-substeps" | "squeezed-elements" | "neglected-strain" | "inside-out-elements" | "lost-ellipticity" | "left-out-moves" | "size-mismatch" | "surfaces-apart" | "not-registered" | "registration-oscillates" | "registration-far" | "registration-overlap" | "registration-mirrored" | "eyes-not-placed" | "different-plans" | "step-not-compared" | "budget-continued" | "budget-ended" | "budget-missed" | "budget-not-studied" | "error-not-estimated" | "joined-lips" | "points-not-measured" | "unconfirmed-landmarks" | "regions-by-proportions" | "made-again" | "text" | "path-stopped" | "no-stresses";
         /** @description One finding: what it is, how much it matters, where, and what to do. */
         WarningDocument: {
             /** @description What to do about it; absent when there is nothing. */
@@ -10475,6 +10560,116 @@ export interface operations {
                 content: {
                     "image/png": string;
                 };
+            };
+            /** @description A problem document. */
+            default: {
+                headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemDocument"];
+                };
+            };
+        };
+    };
+    getFrame: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the session. */
+                session: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The frame. */
+            200: {
+                headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["FrameDocument"];
+                };
+            };
+            /** @description A problem document. */
+            default: {
+                headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemDocument"];
+                };
+            };
+        };
+    };
+    putFrame: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the session. */
+                session: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["FrameRequest"];
+            };
+        };
+        responses: {
+            /** @description The frame with exact axes. */
+            200: {
+                headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["FrameRequest"];
+                };
+            };
+            /** @description A problem document. */
+            default: {
+                headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemDocument"];
+                };
+            };
+        };
+    };
+    deleteFrame: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the session. */
+                session: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The frame is estimated again. */
+            204: {
+                headers: {
+                    /** @description Id of the request, as in the log. */
+                    "X-Request-Id"?: string;
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
             /** @description A problem document. */
             default: {

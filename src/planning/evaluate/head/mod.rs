@@ -8,9 +8,9 @@ mod tuning;
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 
-use self::orientation::{Placed, placed};
-use self::symmetry::{MirrorPlane, mirror_planes};
-use self::tuning::{CLEAR_SYMMETRY, CLEAR_WORTH, SAMPLES, SYMMETRIC_SHARE};
+use self::orientation::placed;
+use self::symmetry::{MirrorPlane, mirror_planes, polished};
+use self::tuning::{CLEAR_SYMMETRY, CLEAR_WORTH, DENSE_SAMPLES, FACE_DEPTH_MM, SAMPLES, SYMMETRIC_SHARE};
 use super::EvaluateError;
 use super::consistency::spread;
 use super::distance::Surface;
@@ -93,8 +93,9 @@ impl HeadFrame {
 ///    points from 49 starts). It does not need a jaw, and bears a third of the surface being asymmetric.
 /// 2. Within that plane, landmarks are proposed with the head turned by steps of 15°, those near the scanner's axes first, until many
 ///    lie as in a head; else the best of all counts, with a warning.
-/// 3. From the nearest step on a grid that moves with the head, landmarks are proposed anew and the average head is laid on them, so that
-///    equal heads in different poses get the same frame.
+/// 3. The plane is fitted anew to the face: its skin and bone down to 70 mm behind the anterior nasal spine.
+/// 4. Beside the nearest step on a grid that moves with the head, landmarks are proposed anew in five poses, the average head is laid on
+///    them, and the median counts, so that equal heads in different poses get the same frame.
 ///
 /// Without landmarks that lie as in a head, the frame is the scanner's, and a warning says so.
 ///
@@ -109,21 +110,23 @@ pub fn head_frame(skin: &TriMesh, skull: &TriMesh, control: &Control) -> Result<
     let Some(best) = planes.first() else { return Ok(unknown(None)) };
     let size_mm = skull.bounds().diagonal();
     let is_symmetric = best.off_mm < SYMMETRIC_SHARE * size_mm;
-    let mut found: Option<(Placed, &MirrorPlane)> = None;
     // The second plane only where it is about as good: a face without much of its sides.
-    for plane in planes.iter().filter(|p| p.off_mm <= CLEAR_SYMMETRY * best.off_mm || !is_symmetric) {
-        let Some(here) = placed(skin, skull, plane, &samples, control)? else { continue };
-        let is_clear = here.worth() >= CLEAR_WORTH;
-        if found.as_ref().is_none_or(|(other, _)| here.worth() > other.worth()) {
-            found = Some((here, plane));
-        }
-        if is_clear {
-            break;
-        }
-    }
-    let Some((placed, plane)) = found else {
+    let likely = |plane: &&MirrorPlane| plane.off_mm <= CLEAR_SYMMETRY * best.off_mm || !is_symmetric;
+    let likely: Vec<&MirrorPlane> = planes.iter().filter(likely).collect();
+    let Some(placed) = placed(skin, skull, &likely, &samples, control)? else {
         return Ok(unknown(Some(best).filter(|_| is_symmetric)));
     };
+    // The search ended in a pose that depends on the scanner's axes; this one moves with the head.
+    let placed = orientation::placed_near(skin, skull, &placed.plane(), &samples, &placed).unwrap_or(placed);
+    // Vault and neck are as symmetric as the face, but not about the same plane: the face decides.
+    let face = [skin, skull].map(|mesh| {
+        let is_face = |p: &Point| (placed.from_scan * p).y < FACE_DEPTH_MM;
+        spread(mesh, DENSE_SAMPLES).into_iter().filter(is_face).collect::<Vec<Point>>()
+    });
+    let faces: Vec<(&Surface, &[Point])> = surfaces.iter().zip(&face).map(|(s, p)| (s, p.as_slice())).collect();
+    let plane = polished(&faces, placed.plane());
+    control.check()?;
+    let placed = orientation::placed_near(skin, skull, &plane, &samples, &placed).unwrap_or(placed);
     let is_clear = placed.worth() >= CLEAR_WORTH;
     let message = format!(
         "the pose of the head is not certain: only {} landmarks were found that lie as in a head, {:.0} mm off an average one",

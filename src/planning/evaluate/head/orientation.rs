@@ -1,14 +1,15 @@
 //! Where the top and the front of a head are, within its midsagittal plane.
 
 use nalgebra::Matrix2;
+use rayon::prelude::*;
 
 use super::super::EvaluateError;
 use super::super::consistency::Pose;
 use super::motion_into;
 use super::symmetry::MirrorPlane;
 use super::tuning::{
-    BONE_FRONT_MM, CLEAR_WORTH, ENOUGH_LANDMARKS, LAST_ROUNDS, LEVEL_DEG, MOST_IN_FRONT, PITCH_STEP_DEG, SEARCH_ROUNDS,
-    SIZES, SKIN_FRONT_MM, SNAP_DEG, UNLIKE_MM,
+    BONE_FRONT_MM, CLEAR_WORTH, ENOUGH_LANDMARKS, LEVEL_DEG, MOST_IN_FRONT, PITCH_STEP_DEG, SEARCH_ROUNDS, SIZES,
+    SKIN_FRONT_MM, SNAP_DEG, UNLIKE_MM, VARIED, VARIED_DEG,
 };
 use crate::plan::propose;
 use prosopon_geometry::control::Control;
@@ -25,6 +26,13 @@ pub(super) struct Placed {
 }
 
 impl Placed {
+    /// Its midsagittal plane.
+    pub(super) fn plane(&self) -> MirrorPlane {
+        let back = self.from_scan.inverse();
+        let normal = back * Vector::x();
+        MirrorPlane { normal, offset: normal.dot(&(back * Point::origin()).coords), off_mm: f64::INFINITY }
+    }
+
     /// How much it speaks for a pose: the number of landmarks, less their mean distance from those of the average head, mm.
     ///
     /// In the right pose real heads have 20 and more, in wrong ones 7 at most (`ct_head`, `vtk_headsq`).
@@ -71,43 +79,82 @@ impl InPlane {
     }
 }
 
-/// The pose of the head whose midsagittal plane is `plane`; `None` when no landmarks lie as in a head.
+/// The pose of the head whose midsagittal plane is one of `planes`; `None` when no landmarks lie as in a head.
 ///
 /// # Errors
 /// [`EvaluateError::Cancelled`].
 pub(super) fn placed(
     skin: &TriMesh,
     skull: &TriMesh,
-    plane: &MirrorPlane,
+    planes: &[&MirrorPlane],
     samples: &[Vec<Point>; 2],
     control: &Control,
 ) -> Result<Option<Placed>, EvaluateError> {
-    let Some(within) = InPlane::of(plane, samples) else { return Ok(None) };
     let steps = (360.0 / PITCH_STEP_DEG).round() as u32;
-    let all = (0..steps).flat_map(|k| [true, false].map(|side| within.frame(f64::from(k) * PITCH_STEP_DEG, side)));
-    let mut starts: Vec<Motion> = all.collect();
+    let angles = (0..steps).map(|k| f64::from(k) * PITCH_STEP_DEG);
+    let poses: Vec<(f64, bool)> = angles.flat_map(|angle| [(angle, true), (angle, false)]).collect();
+    let within = planes.iter().filter_map(|plane| InPlane::of(plane, samples));
+    let mut starts: Vec<Motion> = within
+        .flat_map(|w| poses.iter().map(move |(angle, side)| w.frame(*angle, *side)).collect::<Vec<_>>())
+        .collect();
     // Most heads lie nearly as the scanner says.
     starts.sort_by(|a, b| a.rotation.angle().total_cmp(&b.rotation.angle()));
     let mut best: Option<Found> = None;
     for start in starts {
         control.check()?;
         let Some(found) = levelled(skin, skull, start, SEARCH_ROUNDS) else { continue };
-        if found.is_head()
-            && found.is_behind_the_face(samples)
-            && best.as_ref().is_none_or(|b| found.worth() > b.worth())
-        {
-            let is_clear = found.worth() >= CLEAR_WORTH;
+        let is_better = best.as_ref().is_none_or(|b| found.placed.worth() > b.placed.worth());
+        if is_better && found.is_head() && found.is_behind_the_face(samples) {
+            let is_clear = found.placed.worth() >= CLEAR_WORTH;
             best = Some(found);
             if is_clear {
                 break;
             }
         }
     }
-    let Some(found) = best else { return Ok(None) };
-    let snapped = (within.angle_deg(&found.placed.from_scan) / SNAP_DEG).round() * SNAP_DEG;
-    let faces_along = (found.placed.from_scan.rotation * within.normal).x > 0.0;
-    let last = levelled(skin, skull, within.frame(snapped, faces_along), LAST_ROUNDS);
-    Ok(Some(last.filter(Found::is_head).unwrap_or(found).placed))
+    Ok(best.map(|found| found.placed))
+}
+
+/// The pose of a head whose midsagittal plane is `plane` and whose pose is nearly `known`.
+///
+/// Single proposals jump when the head is turned by a fraction of a degree. So landmarks are proposed in several poses beside the nearest
+/// pitch on a grid that moves with the head, and the median counts.
+pub(super) fn placed_near(
+    skin: &TriMesh,
+    skull: &TriMesh,
+    plane: &MirrorPlane,
+    samples: &[Vec<Point>; 2],
+    known: &Placed,
+) -> Option<Placed> {
+    let within = InPlane::of(plane, samples)?;
+    let snapped = (within.angle_deg(&known.from_scan) / SNAP_DEG).round() * SNAP_DEG;
+    let faces_along = (known.from_scan.rotation * within.normal).x > 0.0;
+    let half = VARIED / 2;
+    let varied: Vec<f64> = (0..VARIED).map(|k| VARIED_DEG * (k as f64 - half as f64)).collect();
+    let found: Vec<Found> = varied
+        .into_par_iter()
+        .filter_map(|by| levelled(skin, skull, within.frame(snapped + by, faces_along), 1))
+        .filter(Found::is_like_a_head)
+        .collect();
+    if found.len() <= half {
+        return None;
+    }
+    // Near the pitch on the grid, so that an angle does not jump by a revolution.
+    let apart = |f: &Found| (within.angle_deg(&f.placed.from_scan) - snapped + 540.0).rem_euclid(360.0) - 180.0;
+    let level = within.frame(snapped + median(found.iter().map(apart)), faces_along);
+    let origin =
+        |axis: usize| median(found.iter().map(|f| (level * (f.placed.from_scan.inverse() * Point::origin()))[axis]));
+    let from_scan = Motion::translation(0.0, -origin(1), -origin(2)) * level;
+    let unlike_mm = median(found.iter().map(|f| f.placed.unlike_mm));
+    let landmarks = median(found.iter().map(|f| f.placed.landmarks as f64)) as usize;
+    Some(Placed { from_scan, unlike_mm, landmarks })
+}
+
+/// The middle one of some values; of an even number the upper of the two.
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or_default()
 }
 
 /// Landmarks in a pose.
@@ -118,16 +165,16 @@ struct Found {
 }
 
 impl Found {
-    fn worth(&self) -> f64 {
-        self.placed.worth()
-    }
-
-    /// Whether the landmarks lie as in a head.
-    fn is_head(&self) -> bool {
+    /// Whether the landmarks lie as in a head, of any pitch.
+    fn is_like_a_head(&self) -> bool {
         self.placed.landmarks >= ENOUGH_LANDMARKS
             && self.placed.unlike_mm <= UNLIKE_MM
             && (SIZES[0]..SIZES[1]).contains(&self.size)
-            && self.pitch_deg.abs() <= LEVEL_DEG
+    }
+
+    /// Whether the landmarks lie as in a head that is upright.
+    fn is_head(&self) -> bool {
+        self.is_like_a_head() && self.pitch_deg.abs() <= LEVEL_DEG
     }
 
     /// Whether hardly anything lies farther forward than a nose and a jaw reach before the anterior nasal spine.

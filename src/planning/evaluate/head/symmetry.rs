@@ -6,7 +6,8 @@ use rayon::prelude::*;
 use super::super::EvaluateError;
 use super::super::distance::Surface;
 use super::tuning::{
-    COARSE_ROUNDS, COARSE_SAMPLES, FINE_ROUNDS, KEPT, MIDDLE_ROUNDS, MIDDLE_SAMPLES, SAME_PLANE_DEG, TRIMMED_SHARE,
+    COARSE_ROUNDS, COARSE_SAMPLES, CORE_MM, FINE_ROUNDS, KEPT, MIDDLE_ROUNDS, MIDDLE_SAMPLES, SAME_PLANE_DEG,
+    TRIMMED_SHARE,
 };
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, Vector};
@@ -57,8 +58,8 @@ pub(super) fn mirror_planes(sides: &Sides<'_>, control: &Control) -> Result<Vec<
     let kept = distinct(coarse.collect::<Result<_, EvaluateError>>()?, KEPT);
     let middle = kept.into_par_iter().map(|plane| run(plane, MIDDLE_SAMPLES, MIDDLE_ROUNDS));
     let best = distinct(middle.collect::<Result<_, EvaluateError>>()?, 2);
-    let fine = best.into_par_iter().map(|plane| run(plane, usize::MAX, FINE_ROUNDS));
-    Ok(distinct(fine.collect::<Result<_, EvaluateError>>()?, 2))
+    control.check()?;
+    Ok(distinct(best.into_par_iter().map(|plane| polished(sides, plane)).collect(), 2))
 }
 
 /// The best planes, at most `count`, without those that nearly agree with a better one.
@@ -91,53 +92,110 @@ pub(super) fn principal_axes(points: &[Point]) -> Option<(Point, Matrix3<f64>)> 
         .then(|| (centre, SymmetricEigen::new(spread).eigenvectors))
 }
 
-/// Iterated closest points between each surface and its mirror image, by up to `samples` points of each.
+/// A point with the closest point to its mirror image, and the surface's normal there.
+struct Pair {
+    off: f64,
+    from: Point,
+    to: Point,
+    normal: Vector,
+}
+
+/// The pairs of the points of each surface.
+fn all_pairs(sides: &Sides<'_>, plane: &MirrorPlane) -> Vec<Vec<Pair>> {
+    let pair = |surface: &Surface, p: &Point| {
+        let hit = surface.nearest(&plane.mirrored(p));
+        let off = if hit.on_border { f64::INFINITY } else { hit.signed.abs() };
+        Pair { off, from: *p, to: hit.point, normal: hit.normal }
+    };
+    sides.iter().map(|(surface, points)| points.par_iter().map(|p| pair(surface, p)).collect()).collect()
+}
+
+/// The pairs of each surface but for the share that lies farthest from its mirror image.
+fn trimmed(sides: Vec<Vec<Pair>>) -> Vec<Pair> {
+    let nearest = |mut pairs: Vec<Pair>| {
+        let keep = (TRIMMED_SHARE * pairs.len() as f64) as usize;
+        pairs.sort_by(|a, b| a.off.total_cmp(&b.off));
+        pairs.truncate(keep);
+        pairs
+    };
+    sides.into_iter().flat_map(nearest).filter(|pair| pair.off.is_finite()).collect()
+}
+
+fn mean_off(pairs: &[Pair]) -> f64 {
+    pairs.iter().map(|pair| pair.off).sum::<f64>() / pairs.len().max(1) as f64
+}
+
+/// Iterated closest points between each surface and its mirror image, point to point: from far away.
 fn refined(sides: &Sides<'_>, start: MirrorPlane, samples: usize, rounds: usize) -> MirrorPlane {
-    /// Movement of the normal and of the plane, mm at 100 mm from the middle, below which the iteration has converged.
-    const CONVERGED: f64 = 1e-7;
+    // Evenly spaced ones, since successive points lie near each other.
+    let few: Vec<(&Surface, Vec<Point>)> = sides
+        .iter()
+        .map(|(surface, points)| {
+            let stride = points.len().div_ceil(samples).max(1);
+            (*surface, points.iter().step_by(stride).copied().collect())
+        })
+        .collect();
+    let few: Vec<(&Surface, &[Point])> = few.iter().map(|(surface, points)| (*surface, points.as_slice())).collect();
     let mut plane = start;
     for _ in 0..rounds {
-        let mut pairs: Vec<(f64, Point, Point)> = Vec::new();
-        for (surface, points) in sides {
-            // Evenly spaced ones, since successive points lie near each other.
-            let stride = points.len().div_ceil(samples).max(1);
-            let chosen: Vec<Point> = points.iter().step_by(stride).copied().collect();
-            let paired = chosen.par_iter().map(|p| {
-                let hit = surface.nearest(&plane.mirrored(p));
-                let off = if hit.on_border { f64::INFINITY } else { hit.signed.abs() };
-                (off, *p, hit.point)
-            });
-            let mut paired: Vec<_> = paired.collect();
-            let keep = (TRIMMED_SHARE * paired.len() as f64) as usize;
-            paired.sort_by(|a, b| a.0.total_cmp(&b.0));
-            paired.truncate(keep);
-            pairs.extend(paired.into_iter().filter(|pair| pair.0.is_finite()));
-        }
+        let pairs = trimmed(all_pairs(&few, &plane));
         let Some(next) = best_mirror(&pairs) else { break };
-        let sense = next.normal.dot(&plane.normal).signum();
-        let change = 100.0 * (next.normal - plane.normal * sense).norm();
-        plane = next;
-        if change < CONVERGED {
-            break;
-        }
+        plane = MirrorPlane { off_mm: mean_off(&pairs), ..next };
     }
     plane
+}
+
+/// Iterated closest points, point to plane: surfaces slide along themselves, and few rounds suffice.
+///
+/// Points far from their mirror image count little (Geman and McClure 1985); without a limit that cuts them off, near starts end in one
+/// plane.
+pub(super) fn polished(sides: &Sides<'_>, start: MirrorPlane) -> MirrorPlane {
+    let mut plane = start;
+    for _ in 0..FINE_ROUNDS {
+        let all = all_pairs(sides, &plane).into_iter().flatten();
+        let pairs: Vec<Pair> = all.filter(|pair| pair.off.is_finite()).collect();
+        let weight = |pair: &Pair| (1.0 + (pair.off / CORE_MM).powi(2)).powi(-2);
+        let total: f64 = pairs.iter().map(weight).sum();
+        let off_mm = pairs.iter().map(|pair| weight(pair) * pair.off).sum::<f64>() / total.max(1e-9);
+        let n = plane.normal;
+        let first = n.cross(&Vector::ith(n.iamin(), 1.0)).normalize();
+        let turns = [first, n.cross(&first)];
+        let Some(centre) = mean_of(&pairs, |pair| pair.from) else { break };
+        let height = |p: &Point| n.dot(&p.coords) - plane.offset;
+        let (mut matrix, mut right) = (Matrix3::zeros(), Vector::zeros());
+        for pair in &pairs {
+            // p' = p - 2 (n·p - d) n, by turns of n about the centre and shifts of d.
+            let (p, h, m) = (pair.from - centre, height(&pair.from), pair.normal);
+            let [a, b] = turns.map(|e| -2.0 * (e.dot(&p) * m.dot(&n) + h * m.dot(&e)));
+            let row = Vector::new(a, b, 2.0 * m.dot(&n));
+            let w = weight(pair);
+            matrix += row * row.transpose() * w;
+            right -= row * (w * m.dot(&(plane.mirrored(&pair.from) - pair.to)));
+        }
+        let Some(step) = matrix.lu().solve(&right).filter(|step| step.iter().all(|v| v.is_finite())) else { break };
+        let at_centre = height(&centre) - step.z;
+        let normal = (n + turns[0] * step.x + turns[1] * step.y).normalize();
+        plane = MirrorPlane { normal, offset: normal.dot(&centre.coords) - at_centre, off_mm };
+    }
+    plane
+}
+
+fn mean_of(pairs: &[Pair], of: impl Fn(&Pair) -> Point) -> Option<Point> {
+    let sum = pairs.iter().map(|pair| of(pair).coords).sum::<Vector>();
+    (!pairs.is_empty()).then(|| Point::from(sum / pairs.len() as f64))
 }
 
 /// The plane whose mirror images of the first points lie closest to the second ones, in least squares.
 ///
 /// The mean of (p - p̄)(q - q̄)ᵀ, made symmetric, is stretched least along its normal.
-fn best_mirror(pairs: &[(f64, Point, Point)]) -> Option<MirrorPlane> {
+fn best_mirror(pairs: &[Pair]) -> Option<MirrorPlane> {
     if pairs.len() < 10 {
         return None;
     }
-    let n = pairs.len() as f64;
-    let mean = |of: &dyn Fn(&(f64, Point, Point)) -> Vector| pairs.iter().map(of).sum::<Vector>() / n;
-    let (p, q) = (mean(&|pair| pair.1.coords), mean(&|pair| pair.2.coords));
-    let both: Matrix3<f64> = pairs.iter().map(|(_, a, b)| (a.coords - p) * (b.coords - q).transpose()).sum();
+    let (p, q) = (mean_of(pairs, |pair| pair.from)?, mean_of(pairs, |pair| pair.to)?);
+    let both: Matrix3<f64> = pairs.iter().map(|pair| (pair.from - p) * (pair.to - q).transpose()).sum();
     let eigen = SymmetricEigen::new(both + both.transpose());
     let normal: Vector = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
-    let off_mm = pairs.iter().map(|pair| pair.0).sum::<f64>() / n;
-    let plane = MirrorPlane { normal, offset: normal.dot(&(p + q)) / 2.0, off_mm };
+    let plane = MirrorPlane { normal, offset: normal.dot(&(p.coords + q.coords)) / 2.0, off_mm: f64::INFINITY };
     (plane.offset.is_finite() && normal.norm() > 0.5).then_some(plane)
 }

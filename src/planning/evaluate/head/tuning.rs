@@ -8,7 +8,7 @@ pub(super) const MIDDLE_SAMPLES: usize = 250;
 /// Iterations from each start, of those that are kept, and of the chosen planes.
 pub(super) const COARSE_ROUNDS: usize = 10;
 pub(super) const MIDDLE_ROUNDS: usize = 20;
-pub(super) const FINE_ROUNDS: usize = 40;
+pub(super) const FINE_ROUNDS: usize = 24;
 /// Starts that are kept.
 pub(super) const KEPT: usize = 6;
 /// Share of the points, the nearest ones to their mirror image, that count: a third of a head may be asymmetric.
@@ -23,9 +23,11 @@ pub(super) const CLEAR_SYMMETRY: f64 = 1.6;
 pub(super) const PITCH_STEP_DEG: f64 = 15.0;
 /// Step of the pitches from which the last proposals start, degrees.
 pub(super) const SNAP_DEG: f64 = 5.0;
-/// Rounds of proposing and levelling: while searching, and from the start that moves with the head.
+/// Rounds of proposing and levelling while searching.
 pub(super) const SEARCH_ROUNDS: usize = 2;
-pub(super) const LAST_ROUNDS: usize = 3;
+/// Poses in which landmarks are proposed at last, and the step of pitch between them, degrees.
+pub(super) const VARIED: usize = 5;
+pub(super) const VARIED_DEG: f64 = 2.5;
 /// Landmarks lie as in a head when there are so many, and lie within this of the average head on average, mm, in a head of such a size.
 pub(super) const ENOUGH_LANDMARKS: usize = 12;
 pub(super) const UNLIKE_MM: f64 = 9.0;
@@ -39,3 +41,8 @@ pub(super) const BONE_FRONT_MM: f64 = 25.0;
 pub(super) const MOST_IN_FRONT: f64 = 0.02;
 /// Landmarks less their mean distance from the average head's, mm, from which on a pose is certain.
 pub(super) const CLEAR_WORTH: f64 = 13.0;
+/// Points of each surface for the plane of the face, and how far behind the anterior nasal spine the face reaches, mm.
+pub(super) const DENSE_SAMPLES: usize = 3000;
+pub(super) const FACE_DEPTH_MM: f64 = 70.0;
+/// Points nearer than this to their mirror image have most of their weight in the last fit of the plane, mm.
+pub(super) const CORE_MM: f64 = 1.5;

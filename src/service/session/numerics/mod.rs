@@ -11,7 +11,7 @@ use super::keys::bone_key;
 use super::recent::Recent;
 use super::{Case, TissueRequest};
 use prosopon_contract::{Cuts, Halt};
-use prosopon_field::{Envelope, SignedField, envelope};
+use prosopon_field::{Envelope, envelope};
 use prosopon_formats::import::Limits;
 use prosopon_geometry::TriMesh;
 use prosopon_geometry::control::Control;

@@ -10,7 +10,7 @@ use prosopon_formats::export::{SurfaceView, ply, vtp};
 use prosopon_formats::import::{Limits, detect_surface, surface};
 use prosopon_geometry::TriMesh;
 use prosopon_geometry::control::Control;
-use prosopon_jobs::{Compared, Comparison, Prediction};
+use prosopon_jobs::{Compared, Comparison, FaceAnchors, Prediction};
 use prosopon_planning::evaluate::Mask;
 use prosopon_session::{Numerics, error_sheet};
 
@@ -77,7 +77,7 @@ pub(super) fn run(a: &CompareArguments) -> CommandResult {
             mesh: prediction,
             displacement_mm: None,
             rest,
-            face: a.exclude_eyes.then(|| (Vec::new(), None)),
+            face: a.exclude_eyes.then(FaceAnchors::default),
             bone: Err("the bone is not known: the prediction is a file".to_owned()),
         },
         reference,

@@ -54,10 +54,15 @@ impl FrameRequest {
     /// The motion that maps LPS into the frame, mm.
     #[must_use]
     pub fn motion(&self) -> Motion {
-        let axes = Matrix3::from_columns(&[self.left, self.back, self.up].map(Vector::from));
-        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes.transpose()));
-        Motion::from_parts((-(rotation * Point::from(self.origin_mm).coords)).into(), rotation)
+        motion_into([self.left, self.back, self.up], self.origin_mm)
     }
+}
+
+/// The motion into the frame with these axes and this origin.
+fn motion_into(axes: [[f64; 3]; 3], origin_mm: [f64; 3]) -> Motion {
+    let axes = Matrix3::from_columns(&axes.map(Vector::from));
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes.transpose()));
+    Motion::from_parts((-(rotation * Vector::from(origin_mm))).into(), rotation)
 }
 
 /// What a frame rests on.
@@ -103,6 +108,14 @@ pub struct FrameDocument {
     /// Warnings and notes.
     #[serde(flatten)]
     pub findings: Findings,
+}
+
+impl FrameDocument {
+    /// The motion that maps LPS into the frame, mm.
+    #[must_use]
+    pub fn motion(&self) -> Motion {
+        motion_into([self.left, self.back, self.up], self.origin_mm)
+    }
 }
 
 impl From<&HeadFrame> for FrameDocument {
@@ -167,6 +180,7 @@ mod tests {
         let [pitch, roll, yaw] = document.pitch_roll_yaw_deg;
         assert!((pitch - 30.0).abs() < 1e-9 && roll.abs() < 1e-9 && yaw.abs() < 1e-9, "{document:?}");
         assert_eq!((document.basis, document.confidence), (FrameBasisName::Given, 1.0));
+        assert!((document.motion().to_homogeneous() - motion.to_homogeneous()).abs().max() < 1e-12);
     }
 
     #[test]

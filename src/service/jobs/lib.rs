@@ -52,7 +52,8 @@ pub use settings::ServiceSettings;
 pub use state::{Illegal, JobEvent, next};
 pub use status::JobStatus;
 pub use tasks::{
-    BoneBelow, Compared, Comparison, CtScan, NamedSurface, Prediction, Predictions, StoredComparison, compare,
-    cut_bone, cut_off_stl, face_of, field_slice, frame_of, landmark_warnings, make_plan, measure_plan, named_surface,
-    place_cuts, propose_landmarks, read_comparison, read_frame, rest_of, take_ct, take_surface, take_tissue,
+    BoneBelow, Compared, Comparison, CtScan, FaceAnchors, NamedSurface, Prediction, Predictions, StoredComparison,
+    compare, cut_bone, cut_off_stl, face_of, field_slice, frame_of, landmark_warnings, make_plan, measure_plan,
+    named_surface, place_cuts, propose_landmarks, read_comparison, read_frame, rest_of, take_ct, take_surface,
+    take_tissue,
 };

@@ -39,8 +39,9 @@ impl ErrorQuery {
             None => target(service, job).await?.1,
         };
         let parts = SessionParts::load(service.store(), job.session).await?;
-        let landmarks = parts.get(PartKind::Landmarks).map_or("", |p| p.key.as_str());
-        Ok(format!("{} {against} {register} {landmarks}", step.sha256))
+        let [landmarks, frame] =
+            [PartKind::Landmarks, PartKind::Frame].map(|kind| parts.get(kind).map_or("", |p| p.key.as_str()));
+        Ok(format!("{} {against} {register} {landmarks} {frame}", step.sha256))
     }
 }
 
@@ -52,7 +53,7 @@ pub(super) async fn compared(
     query: &ErrorQuery,
 ) -> Result<Compared, Problem> {
     let (rest, mesh, frame) = load(service, job, step).await?;
-    let face = Some(face_of(&SessionParts::load(service.store(), job.session).await?)?);
+    let face = Some(face_of(service, &SessionParts::load(service.store(), job.session).await?).await?);
     let (reference, reference_name, predictions) = match query.reference {
         Some(id) => {
             let (other, found) = reference_step(service, job, id, step).await?;

@@ -4,7 +4,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 
-use super::step_surface::load;
+use super::step_surface::load_upright;
 use crate::http::Problem;
 use prosopon_contract::{ErrorDocument, from_json};
 use prosopon_geometry::Vector;
@@ -51,7 +51,7 @@ pub(super) async fn pictures(
     job: &JobRecord,
     step: &StepRecord,
 ) -> Result<Vec<PictureRow>, Problem> {
-    let (rest, mesh, frame) = load(service, job, step).await?;
+    let (rest, mesh, frame) = load_upright(service, job, step).await?;
     let error = step.error.as_deref().map(|text| from_json::<ErrorDocument>("the error map", text)).transpose()?;
     let drawn = service.compute(move |_, _| {
         let moved = moved_along(&rest, &mesh, &-Vector::y());

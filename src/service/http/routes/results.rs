@@ -8,7 +8,7 @@ use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
 use super::on_demand::{ErrorQuery, compared};
-use super::step_surface::load;
+use super::step_surface::{load, load_upright, upright};
 use crate::http::dto::{ErrorView, finite};
 use crate::http::extract::{Ids, Params};
 use crate::http::result::{not_modified, tag_of, tagged};
@@ -348,13 +348,14 @@ pub(in crate::http) async fn error_picture(
 ) -> Result<Response, Problem> {
     let (job, step) = find(&state.service, id, k).await?;
     let key = query.key(&state.service, &job, &step).await?;
-    let tag = tag_of(&[&key, "error.png"]);
+    let tag = tag_of(&[&key, "error.png", when_of(&job)]);
     if let Some(known) = not_modified(&headers, &tag) {
         return Ok(known);
     }
     let png = if query.is_asked() {
         let found = compared(&state.service, &job, &step, &query).await?;
-        let png = state.service.compute(move |_, _| Ok(error_sheet(&found.mesh, &found.error_mm, &found.document)));
+        let mesh = found.mesh.moved(&upright(&job));
+        let png = state.service.compute(move |_, _| Ok(error_sheet(&mesh, &found.error_mm, &found.document)));
         png.await?
     } else {
         draw_error(&state.service, &job, &step).await?
@@ -378,12 +379,17 @@ pub(in crate::http) async fn picture(
 ) -> Result<Response, Problem> {
     let (job, step) = find(&state.service, id, k).await?;
     let movement = query.movement.unwrap_or_default();
-    let tag = tag_of(&[&step.sha256, "picture.png", movement.direction().0]);
+    let tag = tag_of(&[&step.sha256, "picture.png", movement.direction().0, when_of(&job)]);
     if let Some(known) = not_modified(&headers, &tag) {
         return Ok(known);
     }
     let png = draw_step(&state.service, &job, &step, movement).await?;
     tagged(&headers, &tag, "image/png", png.into())
+}
+
+/// Whether the frame of the head, in which pictures are drawn, is known: part of their tags.
+fn when_of(job: &JobRecord) -> &'static str {
+    if job.report.is_some() { "upright" } else { "as scanned" }
 }
 
 /// Front view of the face, turned slightly so that the profile shows.
@@ -393,7 +399,7 @@ fn view() -> View {
 
 async fn draw_error(service: &Service, job: &JobRecord, step: &StepRecord) -> Result<Vec<u8>, Problem> {
     let document = error_of(job, step)?;
-    let (_, mesh, frame) = load(service, job, step).await?;
+    let (_, mesh, frame) = load_upright(service, job, step).await?;
     let png = service.compute(move |_, _| Ok(error_sheet(&mesh, &frame.error_mm.unwrap_or_default(), &document)));
     Ok(png.await?)
 }
@@ -404,7 +410,7 @@ async fn draw_step(
     step: &StepRecord,
     movement: Movement,
 ) -> Result<Vec<u8>, Problem> {
-    let (rest, mesh, _) = load(service, job, step).await?;
+    let (rest, mesh, _) = load_upright(service, job, step).await?;
     let png = service.compute(move |_, _| {
         let (title, direction) = movement.direction();
         let moved = moved_along(&rest, &mesh, &direction);

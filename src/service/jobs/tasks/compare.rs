@@ -1,4 +1,5 @@
 use super::baselines::{BoneBelow, Mapped, baselines, follow_bone};
+use super::named_surface::FaceAnchors;
 use super::predictions::Predictions;
 use crate::Service;
 use prosopon_contract::{
@@ -6,7 +7,7 @@ use prosopon_contract::{
 };
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Warning};
-use prosopon_planning::evaluate::{Mask, MaskRegion, eyes, face_regions};
+use prosopon_planning::evaluate::{Mask, MaskRegion};
 use prosopon_session::Engine;
 
 /// A predicted surface.
@@ -18,10 +19,8 @@ pub struct Prediction {
     pub displacement_mm: Option<Vec<f32>>,
     /// The surface at rest, on which the parts of the face are placed; `None` when no job moved it.
     pub rest: Option<TriMesh>,
-    /// Landmarks (LPS mm) and x of the midline (mm) that place the parts of the face.
-    ///
-    /// `None` when it is not a face.
-    pub face: Option<(Vec<(String, Point)>, Option<f64>)>,
+    /// What places the parts of the face; `None` when it is not a face.
+    pub face: Option<FaceAnchors>,
     /// The bone that moved it, or why it is not known.
     pub bone: Result<Box<BoneBelow>, String>,
 }
@@ -88,7 +87,7 @@ impl Comparison {
         let rest = at_rest.as_ref().unwrap_or(&mesh);
         let (mut except, mut document_of, mut findings) = (self.exclude, None, Findings::default());
         match &face {
-            Some((points, midline)) if self.exclude_eyes => except.extend(eyes(rest, points, *midline)),
+            Some(face) if self.exclude_eyes => except.extend(face.eyes(rest)),
             None if self.exclude_eyes => {
                 let text = "the eyes were not left out: the prediction is not a skin, so the eyes cannot be placed";
                 findings.push(Warning::check("eyes-not-placed", text).into());
@@ -97,8 +96,7 @@ impl Comparison {
         }
         let without: Vec<bool> = Mask { except, ..Mask::default() }.of(&mesh);
         let both = |a: Vec<bool>| -> Vec<bool> { a.into_iter().zip(&without).map(|(a, b)| a && *b).collect() };
-        let regions =
-            face.map_or_else(Default::default, |(points, midline)| face_regions(rest, &points, midline)).regions;
+        let regions = face.map(|face| face.regions(rest)).unwrap_or_default();
         let in_face = |p: &Point| regions.iter().any(|r| r.contains(p));
         let (mask_name, counted) = if !self.mask.is_empty() {
             ("given", self.mask.of(&mesh))

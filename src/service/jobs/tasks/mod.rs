@@ -20,7 +20,7 @@ pub(crate) use checks::input_warnings;
 pub use checks::landmark_warnings;
 pub use compare::{Compared, Comparison, Prediction, compare};
 pub(super) use named_surface::load_surface;
-pub use named_surface::{NamedSurface, face_of, named_surface};
+pub use named_surface::{FaceAnchors, NamedSurface, face_of, named_surface};
 pub use predictions::Predictions;
 pub use results::{StoredComparison, read_comparison, read_frame, rest_of};
 pub use slice::field_slice;

@@ -1,9 +1,11 @@
 use super::baselines::bone_below;
+use super::bone::frame_of;
 use super::compare::Prediction;
 use super::results::{read_frame, rest_of};
 use crate::Service;
 use prosopon_contract::{Fault, FaultKind, LandmarksDocument, SurfaceSource};
-use prosopon_geometry::Point;
+use prosopon_geometry::{Motion, Point, TriMesh};
+use prosopon_planning::evaluate::{FaceRegion, MaskRegion, eyes, face_regions};
 use prosopon_session::{SessionParts, load_mesh};
 use prosopon_store::{PartKind, SessionId};
 
@@ -52,7 +54,7 @@ pub(crate) async fn load_surface(service: &Service, source: SurfaceSource) -> Re
             let rest = rest_of(service, &job).await?;
             let frame = read_frame(service, &step, &rest).await?;
             let parts = SessionParts::load(&service.store, job.session).await?;
-            let face = Some(face_of(&parts)?);
+            let face = Some(face_of(service, &parts).await?);
             let bone = bone_below(service, &job, &parts, step.t).await?;
             let (mesh, displacement_mm) = (frame.mesh(&rest)?, Some(frame.displacement_mm));
             Ok(Prediction { mesh, displacement_mm, rest: Some(rest), face, bone })
@@ -61,7 +63,7 @@ pub(crate) async fn load_surface(service: &Service, source: SurfaceSource) -> Re
             let kind = part_of(source);
             let parts = SessionParts::load(&service.store, session).await?;
             let mesh = load_mesh(&service.store, parts.require(kind)?).await?;
-            let face = if kind == PartKind::Skull { None } else { Some(face_of(&parts)?) };
+            let face = if kind == PartKind::Skull { None } else { Some(face_of(service, &parts).await?) };
             let bone = Err("the prediction is not a step of a solve".to_owned());
             Ok(Prediction { mesh, displacement_mm: None, rest: None, face, bone })
         }
@@ -77,12 +79,49 @@ fn part_of(source: SurfaceSource) -> PartKind {
     }
 }
 
-/// Landmarks (LPS mm) and x of the midline (mm) of a session, which place the parts of the face.
+/// What places the parts of the face; by default the proportions of an upright skin.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct FaceAnchors {
+    /// Landmarks, LPS mm.
+    pub points: Vec<(String, Point)>,
+    /// x of the midline, LPS mm; `None` when unknown.
+    pub midline_x_mm: Option<f64>,
+    /// Maps LPS into the frame of the head, in which the parts are boxes.
+    pub into: Motion,
+}
+
+impl FaceAnchors {
+    fn upright(&self, skin: &TriMesh) -> (TriMesh, Vec<(String, Point)>, Option<f64>) {
+        let near = self.into.inverse() * Point::origin();
+        let points = self.points.iter().map(|(name, p)| (name.clone(), self.into * p)).collect();
+        let midline = self.midline_x_mm.map(|x| (self.into * Point::new(x, near.y, near.z)).x);
+        (skin.moved(&self.into), points, midline)
+    }
+
+    /// The parts of the face on a skin at rest.
+    #[must_use]
+    pub fn regions(&self, skin: &TriMesh) -> Vec<FaceRegion> {
+        let (skin, points, midline) = self.upright(skin);
+        let found = face_regions(&skin, &points, midline).regions;
+        found.iter().map(|region| region.moved(&self.into.inverse())).collect()
+    }
+
+    /// Balls over the eyes.
+    #[must_use]
+    pub fn eyes(&self, skin: &TriMesh) -> [MaskRegion; 2] {
+        let (skin, points, midline) = self.upright(skin);
+        eyes(&skin, &points, midline).map(|ball| ball.moved(&self.into.inverse()))
+    }
+}
+
+/// What places the parts of the face of a session; without skin or skull the frame is that of LPS.
 ///
 /// # Errors
-/// [`FaultKind::Internal`] when the stored document cannot be read.
-pub fn face_of(parts: &SessionParts) -> Result<(Vec<(String, Point)>, Option<f64>), Fault> {
+/// [`FaultKind::Internal`] when a stored document cannot be read, or the numerics'.
+pub async fn face_of(service: &Service, parts: &SessionParts) -> Result<FaceAnchors, Fault> {
     let landmarks = parts.landmarks()?;
     let points = landmarks.as_ref().map(LandmarksDocument::named_points).unwrap_or_default();
-    Ok((points, landmarks.and_then(|l| l.midline_x_mm)))
+    let has_head = parts.get(PartKind::Skin).is_some() && parts.get(PartKind::Skull).is_some();
+    let into = if has_head { frame_of(service, parts).await?.motion() } else { Motion::identity() };
+    Ok(FaceAnchors { points, midline_x_mm: landmarks.and_then(|l| l.midline_x_mm), into })
 }

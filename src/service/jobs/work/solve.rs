@@ -253,9 +253,12 @@ async fn compute(
         .await
 }
 
-/// Key of the target and the landmarks, which error maps depend on.
+/// Key of the target, the landmarks and the frame, which error maps depend on.
 ///
 /// Both may be replaced while a job waits.
 fn compared_with(parts: &SessionParts) -> String {
-    key_of(&[PartKind::Target, PartKind::Landmarks].map(|kind| parts.get(kind).map_or("", |part| part.key.as_str())))
+    key_of(
+        &[PartKind::Target, PartKind::Landmarks, PartKind::Frame]
+            .map(|kind| parts.get(kind).map_or("", |part| part.key.as_str())),
+    )
 }

@@ -91,6 +91,10 @@ fn a_job_that_missed_its_error_is_continued() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &[]);
     let session = server.session_with_field();
+    // On the lattice along the phantom's own axes the promise is missed.
+    let axes = json!({ "left": [1, 0, 0], "back": [0, 1, 0], "up": [0, 0, 1], "origin_mm": [0, 0, 0] });
+    server.put_json(&format!("{session}/frame"), &axes).ok();
+    server.finish(&server.post(&format!("{session}/field"), &json!({})));
     let (_, plan) = planned(&server, &session, 1.0);
     let number = |value: &Value| value.as_f64().unwrap();
     let solve = |budget: Value| {

@@ -124,8 +124,10 @@ impl Framed {
         warnings.into_iter().map(|warning| warning.moved(&self.back)).collect()
     }
 
-    pub(super) fn cuts_back(&self, cuts: &[Cut]) -> Vec<Cut> {
-        cuts.iter().map(|cut| cut.moved(&self.back)).collect()
+    /// The cuts of the answer, of which the last ones are the client's `own`, to the last bit.
+    pub(super) fn cuts_back(&self, cuts: &[Cut], own: &[Cut]) -> Vec<Cut> {
+        let of_templates = cuts.iter().take(cuts.len().saturating_sub(own.len()));
+        of_templates.map(|cut| cut.moved(&self.back)).chain(own.iter().cloned()).collect()
     }
 
     pub(super) fn osteotomy_back(&self, osteotomy: &Osteotomy) -> Osteotomy {

@@ -6,7 +6,7 @@ mod symmetry;
 mod tests;
 mod tuning;
 
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+use nalgebra::{Rotation3, UnitQuaternion};
 
 use self::orientation::placed;
 use self::symmetry::{MirrorPlane, mirror_planes, polished};
@@ -164,11 +164,4 @@ fn unknown(plane: Option<&MirrorPlane>) -> HeadFrame {
     let doubt = Warning::check(DOUBTFUL, message)
         .act("Check that the face looks towards -y with the top of the head at +z, or send the frame (`PUT …/frame`).");
     HeadFrame { warnings: vec![doubt], ..near.unwrap_or(scanner) }
-}
-
-/// The motion into the frame whose axes are the unit vectors `left`, `back` and `up` of the scan and whose origin is `origin`.
-fn motion_into(origin: &Point, [left, back, up]: [Vector; 3]) -> Motion {
-    let turn = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[left, back, up]).transpose());
-    let rotation = UnitQuaternion::from_rotation_matrix(&turn);
-    Motion::from_parts((-(rotation * origin.coords)).into(), rotation)
 }

@@ -1,11 +1,10 @@
 //! Where the top and the front of a head are, within its midsagittal plane.
 
-use nalgebra::Matrix2;
+use nalgebra::{Matrix2, Matrix3, Rotation3, UnitQuaternion};
 use rayon::prelude::*;
 
 use super::super::EvaluateError;
 use super::super::consistency::Pose;
-use super::motion_into;
 use super::symmetry::MirrorPlane;
 use super::tuning::{
     BONE_FRONT_MM, CLEAR_WORTH, ENOUGH_LANDMARKS, LEVEL_DEG, MOST_IN_FRONT, PITCH_STEP_DEG, SEARCH_ROUNDS, SIZES,
@@ -211,4 +210,11 @@ fn levelled(skin: &TriMesh, skull: &TriMesh, start: Motion, rounds: usize) -> Op
         });
     }
     found
+}
+
+/// The motion into the frame whose axes are the unit vectors `left`, `back` and `up` of the scan and whose origin is `origin`.
+fn motion_into(origin: &Point, [left, back, up]: [Vector; 3]) -> Motion {
+    let turn = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[left, back, up]).transpose());
+    let rotation = UnitQuaternion::from_rotation_matrix(&turn);
+    Motion::from_parts((-(rotation * origin.coords)).into(), rotation)
 }

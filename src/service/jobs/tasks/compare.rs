@@ -1,5 +1,5 @@
 use super::baselines::{BoneBelow, Mapped, baselines, follow_bone};
-use super::named_surface::FaceAnchors;
+use super::face::FaceAnchors;
 use super::predictions::Predictions;
 use crate::Service;
 use prosopon_contract::{

@@ -4,6 +4,7 @@ mod baselines;
 mod bone;
 mod checks;
 mod compare;
+mod face;
 mod named_surface;
 mod predictions;
 mod results;
@@ -19,8 +20,9 @@ pub use bone::{cut_bone, frame_of, make_plan, measure_plan, place_cuts, propose_
 pub(crate) use checks::input_warnings;
 pub use checks::landmark_warnings;
 pub use compare::{Compared, Comparison, Prediction, compare};
+pub use face::{FaceAnchors, face_of};
 pub(super) use named_surface::load_surface;
-pub use named_surface::{FaceAnchors, NamedSurface, face_of, named_surface};
+pub use named_surface::{NamedSurface, named_surface};
 pub use predictions::Predictions;
 pub use results::{StoredComparison, read_comparison, read_frame, rest_of};
 pub use slice::field_slice;

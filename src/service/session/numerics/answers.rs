@@ -86,7 +86,8 @@ impl Engine for Numerics {
         let control = control.stage(0.2, 1.0);
         let (mut osteotomy, clearances) =
             framed.halt_back(self.cut_of(&framed.case, &framed.request(cuts), &control))?;
-        osteotomy = framed.osteotomy_back(&osteotomy);
+        let cuts_back = framed.cuts_back(&osteotomy.cuts, &cuts.cuts);
+        osteotomy = Osteotomy { cuts: cuts_back, ..framed.osteotomy_back(&osteotomy) };
         osteotomy.warnings.extend(template_landmarks(case, cuts)?);
         osteotomy.warnings.extend(self.frame_of(case, &control)?.warnings.clone());
         Ok((osteotomy, framed.clearances_back(clearances)))
@@ -98,7 +99,7 @@ impl Engine for Numerics {
         let mut warnings = framed.warnings_back(found);
         warnings.extend(template_landmarks(case, cuts)?);
         warnings.extend(self.frame_of(case, control)?.warnings.clone());
-        Ok((framed.cuts_back(&all), warnings))
+        Ok((framed.cuts_back(&all, &cuts.cuts), warnings))
     }
 
     fn check_landmarks(

@@ -90,6 +90,8 @@ def record(call, phantom, ct):
     for part in ("getSkin", "getSkull", "getTarget"):
         call(part, query="?format=json")
     call("putLandmarks", json.loads(file("landmarks.json"))), call("getLandmarks")
+    frame = call("getFrame")
+    call("putFrame", {name: frame[name] for name in ("left", "back", "up", "origin_mm")}), call.send("deleteFrame")
     call("putFieldSettings", example("field_settings"))
     call.finish(call("buildField", {}))
     call("getField"), call("queryField", example("field_query"))

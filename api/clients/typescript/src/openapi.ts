@@ -4425,221 +4425,221 @@ export interface operations {
                      * @example {
                      *       "backward": {
                      *         "count": 81640,
-                     *         "l2_norm_mm": 130.2708,
-                     *         "max_mm": 4.0486,
-                     *         "mean_abs_mm": 0.101,
-                     *         "mean_mm": 0.0872,
+                     *         "l2_norm_mm": 136.552,
+                     *         "max_mm": 3.9773,
+                     *         "mean_abs_mm": 0.1095,
+                     *         "mean_mm": 0.0942,
                      *         "p50_mm": 0,
-                     *         "p90_mm": 0.0886,
-                     *         "p95_mm": 0.5178,
-                     *         "rms_mm": 0.4507,
-                     *         "share_below_1_mm": 0.965,
-                     *         "share_below_2_mm": 0.9822,
-                     *         "share_below_3_mm": 0.9922,
-                     *         "variance_mm2": 0.1955
+                     *         "p90_mm": 0.1082,
+                     *         "p95_mm": 0.595,
+                     *         "rms_mm": 0.4721,
+                     *         "share_below_1_mm": 0.962,
+                     *         "share_below_2_mm": 0.9801,
+                     *         "share_below_3_mm": 0.9912,
+                     *         "variance_mm2": 0.214
                      *       },
                      *       "backward_regions": {
                      *         "cheek_left": {
-                     *           "count": 2883,
-                     *           "l2_norm_mm": 20.6192,
-                     *           "max_mm": 1.7892,
-                     *           "mean_abs_mm": 0.2055,
-                     *           "mean_mm": 0.1006,
-                     *           "p50_mm": 0.0972,
-                     *           "p90_mm": 0.6156,
-                     *           "p95_mm": 0.95,
-                     *           "rms_mm": 0.3755,
-                     *           "share_below_1_mm": 0.9546,
-                     *           "share_below_2_mm": 1,
+                     *           "count": 2736,
+                     *           "l2_norm_mm": 23.6412,
+                     *           "max_mm": 2.0045,
+                     *           "mean_abs_mm": 0.2502,
+                     *           "mean_mm": 0.1312,
+                     *           "p50_mm": 0.1344,
+                     *           "p90_mm": 0.7436,
+                     *           "p95_mm": 1.1325,
+                     *           "rms_mm": 0.4403,
+                     *           "share_below_1_mm": 0.9363,
+                     *           "share_below_2_mm": 0.9997,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1309
+                     *           "variance_mm2": 0.1766
                      *         },
                      *         "cheek_right": {
-                     *           "count": 2862,
-                     *           "l2_norm_mm": 19.5813,
-                     *           "max_mm": 1.6795,
-                     *           "mean_abs_mm": 0.1957,
-                     *           "mean_mm": 0.0928,
-                     *           "p50_mm": 0.0964,
-                     *           "p90_mm": 0.574,
-                     *           "p95_mm": 0.9093,
-                     *           "rms_mm": 0.356,
-                     *           "share_below_1_mm": 0.9586,
-                     *           "share_below_2_mm": 1,
+                     *           "count": 2766,
+                     *           "l2_norm_mm": 24.1395,
+                     *           "max_mm": 2.0128,
+                     *           "mean_abs_mm": 0.2534,
+                     *           "mean_mm": 0.1358,
+                     *           "p50_mm": 0.1352,
+                     *           "p90_mm": 0.755,
+                     *           "p95_mm": 1.1462,
+                     *           "rms_mm": 0.4478,
+                     *           "share_below_1_mm": 0.9348,
+                     *           "share_below_2_mm": 0.9994,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1181
+                     *           "variance_mm2": 0.1821
                      *         },
                      *         "chin": {
-                     *           "count": 1528,
-                     *           "l2_norm_mm": 1.9892,
-                     *           "max_mm": 0.2876,
-                     *           "mean_abs_mm": 0.023,
-                     *           "mean_mm": 0.0126,
-                     *           "p50_mm": 0.0087,
-                     *           "p90_mm": 0.049,
-                     *           "p95_mm": 0.1271,
-                     *           "rms_mm": 0.0489,
+                     *           "count": 1412,
+                     *           "l2_norm_mm": 3.294,
+                     *           "max_mm": 0.4893,
+                     *           "mean_abs_mm": 0.0382,
+                     *           "mean_mm": 0.0305,
+                     *           "p50_mm": 0.0123,
+                     *           "p90_mm": 0.0965,
+                     *           "p95_mm": 0.2167,
+                     *           "rms_mm": 0.0858,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0022
+                     *           "variance_mm2": 0.0064
                      *         },
                      *         "forehead": {
-                     *           "count": 6259,
-                     *           "l2_norm_mm": 0.0025,
-                     *           "max_mm": 0.0008,
+                     *           "count": 5945,
+                     *           "l2_norm_mm": 0.0069,
+                     *           "max_mm": 0.0016,
                      *           "mean_abs_mm": 0,
                      *           "mean_mm": 0,
                      *           "p50_mm": 0,
                      *           "p90_mm": 0,
                      *           "p95_mm": 0,
-                     *           "rms_mm": 0,
+                     *           "rms_mm": 0.0001,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "lower_lip": {
-                     *           "count": 809,
-                     *           "l2_norm_mm": 46.2404,
-                     *           "max_mm": 3.329,
-                     *           "mean_abs_mm": 1.4252,
-                     *           "mean_mm": 1.4252,
-                     *           "p50_mm": 1.2296,
-                     *           "p90_mm": 2.6982,
-                     *           "p95_mm": 2.9042,
-                     *           "rms_mm": 1.6389,
-                     *           "share_below_1_mm": 0.3629,
-                     *           "share_below_2_mm": 0.734,
-                     *           "share_below_3_mm": 0.9718,
-                     *           "variance_mm2": 0.655
+                     *           "count": 781,
+                     *           "l2_norm_mm": 55.777,
+                     *           "max_mm": 3.6771,
+                     *           "mean_abs_mm": 1.8074,
+                     *           "mean_mm": 1.8074,
+                     *           "p50_mm": 1.7058,
+                     *           "p90_mm": 3.2028,
+                     *           "p95_mm": 3.3756,
+                     *           "rms_mm": 2.0181,
+                     *           "share_below_1_mm": 0.2262,
+                     *           "share_below_2_mm": 0.6014,
+                     *           "share_below_3_mm": 0.8587,
+                     *           "variance_mm2": 0.8061
                      *         },
                      *         "nose": {
-                     *           "count": 2026,
-                     *           "l2_norm_mm": 42.7499,
-                     *           "max_mm": 3.6737,
-                     *           "mean_abs_mm": 0.6029,
-                     *           "mean_mm": 0.5606,
-                     *           "p50_mm": 0.3729,
-                     *           "p90_mm": 1.3702,
-                     *           "p95_mm": 2.1672,
-                     *           "rms_mm": 0.9451,
-                     *           "share_below_1_mm": 0.7849,
-                     *           "share_below_2_mm": 0.9441,
-                     *           "share_below_3_mm": 0.9732,
-                     *           "variance_mm2": 0.579
+                     *           "count": 1915,
+                     *           "l2_norm_mm": 43.6712,
+                     *           "max_mm": 3.7374,
+                     *           "mean_abs_mm": 0.6497,
+                     *           "mean_mm": 0.6083,
+                     *           "p50_mm": 0.4156,
+                     *           "p90_mm": 1.4663,
+                     *           "p95_mm": 2.288,
+                     *           "rms_mm": 0.9905,
+                     *           "share_below_1_mm": 0.7572,
+                     *           "share_below_2_mm": 0.9435,
+                     *           "share_below_3_mm": 0.9695,
+                     *           "variance_mm2": 0.6111
                      *         },
                      *         "paranasal_left": {
                      *           "count": 269,
-                     *           "l2_norm_mm": 40.4915,
-                     *           "max_mm": 3.244,
-                     *           "mean_abs_mm": 2.4047,
-                     *           "mean_mm": 2.4047,
-                     *           "p50_mm": 2.4402,
-                     *           "p90_mm": 2.9928,
-                     *           "p95_mm": 3.0945,
-                     *           "rms_mm": 2.4495,
+                     *           "l2_norm_mm": 42.0232,
+                     *           "max_mm": 3.3674,
+                     *           "mean_abs_mm": 2.5046,
+                     *           "mean_mm": 2.5046,
+                     *           "p50_mm": 2.5285,
+                     *           "p90_mm": 3.0744,
+                     *           "p95_mm": 3.1885,
+                     *           "rms_mm": 2.5428,
                      *           "share_below_1_mm": 0,
-                     *           "share_below_2_mm": 0.2112,
-                     *           "share_below_3_mm": 0.9048,
-                     *           "variance_mm2": 0.2171
+                     *           "share_below_2_mm": 0.1202,
+                     *           "share_below_3_mm": 0.8513,
+                     *           "variance_mm2": 0.1931
                      *         },
                      *         "paranasal_right": {
-                     *           "count": 283,
-                     *           "l2_norm_mm": 41.2586,
-                     *           "max_mm": 3.3254,
-                     *           "mean_abs_mm": 2.3801,
-                     *           "mean_mm": 2.3801,
-                     *           "p50_mm": 2.3958,
-                     *           "p90_mm": 3.0502,
-                     *           "p95_mm": 3.1582,
-                     *           "rms_mm": 2.4323,
+                     *           "count": 253,
+                     *           "l2_norm_mm": 40.5988,
+                     *           "max_mm": 3.308,
+                     *           "mean_abs_mm": 2.489,
+                     *           "mean_mm": 2.489,
+                     *           "p50_mm": 2.4973,
+                     *           "p90_mm": 3.0437,
+                     *           "p95_mm": 3.157,
+                     *           "rms_mm": 2.524,
                      *           "share_below_1_mm": 0,
-                     *           "share_below_2_mm": 0.2473,
-                     *           "share_below_3_mm": 0.8746,
-                     *           "variance_mm2": 0.2511
+                     *           "share_below_2_mm": 0.1081,
+                     *           "share_below_3_mm": 0.8825,
+                     *           "variance_mm2": 0.1753
                      *         },
                      *         "submental": {
-                     *           "count": 1296,
-                     *           "l2_norm_mm": 0.0805,
-                     *           "max_mm": 0.0088,
-                     *           "mean_abs_mm": 0.0013,
-                     *           "mean_mm": 0.0009,
-                     *           "p50_mm": 0.0007,
-                     *           "p90_mm": 0.0037,
-                     *           "p95_mm": 0.0058,
-                     *           "rms_mm": 0.0022,
+                     *           "count": 973,
+                     *           "l2_norm_mm": 0.1388,
+                     *           "max_mm": 0.0168,
+                     *           "mean_abs_mm": 0.0028,
+                     *           "mean_mm": 0.0024,
+                     *           "p50_mm": 0.0014,
+                     *           "p90_mm": 0.0068,
+                     *           "p95_mm": 0.0106,
+                     *           "rms_mm": 0.0043,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "upper_lip": {
-                     *           "count": 557,
-                     *           "l2_norm_mm": 81.1472,
-                     *           "max_mm": 4.0486,
-                     *           "mean_abs_mm": 3.4398,
-                     *           "mean_mm": 3.4398,
-                     *           "p50_mm": 3.4725,
-                     *           "p90_mm": 3.8731,
-                     *           "p95_mm": 3.9544,
-                     *           "rms_mm": 3.4567,
+                     *           "count": 519,
+                     *           "l2_norm_mm": 78.9009,
+                     *           "max_mm": 3.9773,
+                     *           "mean_abs_mm": 3.4717,
+                     *           "mean_mm": 3.4717,
+                     *           "p50_mm": 3.4779,
+                     *           "p90_mm": 3.8415,
+                     *           "p95_mm": 3.8834,
+                     *           "rms_mm": 3.4831,
                      *           "share_below_1_mm": 0,
                      *           "share_below_2_mm": 0,
-                     *           "share_below_3_mm": 0.1246,
-                     *           "variance_mm2": 0.1164
+                     *           "share_below_3_mm": 0.0739,
+                     *           "variance_mm2": 0.079
                      *         }
                      *       },
                      *       "baselines": {
                      *         "nearest_bone": {
                      *           "regions": {
                      *             "cheek_left": {
-                     *               "count": 2888,
-                     *               "l2_norm_mm": 42.0504,
-                     *               "max_mm": 2.9573,
-                     *               "mean_abs_mm": 0.2989,
-                     *               "mean_mm": 0.2989,
+                     *               "count": 2757,
+                     *               "l2_norm_mm": 44.6752,
+                     *               "max_mm": 2.9699,
+                     *               "mean_abs_mm": 0.3459,
+                     *               "mean_mm": 0.3459,
                      *               "p50_mm": 0,
-                     *               "p90_mm": 1.318,
-                     *               "p95_mm": 2.2635,
-                     *               "rms_mm": 0.7588,
-                     *               "share_below_1_mm": 0.8781,
-                     *               "share_below_2_mm": 0.9373,
+                     *               "p90_mm": 1.5947,
+                     *               "p95_mm": 2.4348,
+                     *               "rms_mm": 0.8287,
+                     *               "share_below_1_mm": 0.8592,
+                     *               "share_below_2_mm": 0.9246,
                      *               "share_below_3_mm": 1,
-                     *               "variance_mm2": 0.4864
+                     *               "variance_mm2": 0.567
                      *             },
                      *             "cheek_right": {
-                     *               "count": 2892,
-                     *               "l2_norm_mm": 42.8117,
-                     *               "max_mm": 2.9571,
-                     *               "mean_abs_mm": 0.3094,
-                     *               "mean_mm": 0.3094,
+                     *               "count": 2777,
+                     *               "l2_norm_mm": 44.3501,
+                     *               "max_mm": 2.9635,
+                     *               "mean_abs_mm": 0.3425,
+                     *               "mean_mm": 0.3425,
                      *               "p50_mm": 0,
-                     *               "p90_mm": 1.3641,
-                     *               "p95_mm": 2.3239,
-                     *               "rms_mm": 0.7762,
-                     *               "share_below_1_mm": 0.8753,
-                     *               "share_below_2_mm": 0.9336,
+                     *               "p90_mm": 1.5437,
+                     *               "p95_mm": 2.4131,
+                     *               "rms_mm": 0.8201,
+                     *               "share_below_1_mm": 0.8636,
+                     *               "share_below_2_mm": 0.9249,
                      *               "share_below_3_mm": 1,
-                     *               "variance_mm2": 0.5068
+                     *               "variance_mm2": 0.5553
                      *             },
                      *             "chin": {
-                     *               "count": 1530,
-                     *               "l2_norm_mm": 0.1414,
-                     *               "max_mm": 0.0384,
-                     *               "mean_abs_mm": 0.0008,
-                     *               "mean_mm": 0.0008,
+                     *               "count": 1439,
+                     *               "l2_norm_mm": 0.1532,
+                     *               "max_mm": 0.0381,
+                     *               "mean_abs_mm": 0.0009,
+                     *               "mean_mm": 0.0009,
                      *               "p50_mm": 0,
-                     *               "p90_mm": 0.0009,
-                     *               "p95_mm": 0.0046,
-                     *               "rms_mm": 0.0035,
+                     *               "p90_mm": 0.0013,
+                     *               "p95_mm": 0.0053,
+                     *               "rms_mm": 0.004,
                      *               "share_below_1_mm": 1,
                      *               "share_below_2_mm": 1,
                      *               "share_below_3_mm": 1,
                      *               "variance_mm2": 0
                      *             },
                      *             "forehead": {
-                     *               "count": 6259,
+                     *               "count": 5945,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4654,67 +4654,67 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "lower_lip": {
-                     *               "count": 843,
-                     *               "l2_norm_mm": 55.1005,
-                     *               "max_mm": 3.3737,
-                     *               "mean_abs_mm": 1.5885,
-                     *               "mean_mm": 1.5885,
-                     *               "p50_mm": 1.7022,
-                     *               "p90_mm": 2.9726,
-                     *               "p95_mm": 3.1432,
-                     *               "rms_mm": 1.9519,
-                     *               "share_below_1_mm": 0.3779,
-                     *               "share_below_2_mm": 0.5494,
-                     *               "share_below_3_mm": 0.9072,
-                     *               "variance_mm2": 1.2867
+                     *               "count": 811,
+                     *               "l2_norm_mm": 54.7462,
+                     *               "max_mm": 3.3863,
+                     *               "mean_abs_mm": 1.6249,
+                     *               "mean_mm": 1.6249,
+                     *               "p50_mm": 1.7704,
+                     *               "p90_mm": 2.9823,
+                     *               "p95_mm": 3.1572,
+                     *               "rms_mm": 1.9797,
+                     *               "share_below_1_mm": 0.3625,
+                     *               "share_below_2_mm": 0.5385,
+                     *               "share_below_3_mm": 0.9027,
+                     *               "variance_mm2": 1.2789
                      *             },
                      *             "nose": {
-                     *               "count": 1991,
-                     *               "l2_norm_mm": 40.9771,
+                     *               "count": 1897,
+                     *               "l2_norm_mm": 40.6153,
                      *               "max_mm": 3.4748,
-                     *               "mean_abs_mm": 0.4756,
-                     *               "mean_mm": 0.4754,
-                     *               "p50_mm": 0.0007,
-                     *               "p90_mm": 1.8076,
-                     *               "p95_mm": 2.0989,
-                     *               "rms_mm": 0.9146,
-                     *               "share_below_1_mm": 0.7739,
-                     *               "share_below_2_mm": 0.9378,
-                     *               "share_below_3_mm": 0.9892,
-                     *               "variance_mm2": 0.6105
+                     *               "mean_abs_mm": 0.4926,
+                     *               "mean_mm": 0.4925,
+                     *               "p50_mm": 0.0008,
+                     *               "p90_mm": 1.8415,
+                     *               "p95_mm": 2.1049,
+                     *               "rms_mm": 0.9318,
+                     *               "share_below_1_mm": 0.7634,
+                     *               "share_below_2_mm": 0.9353,
+                     *               "share_below_3_mm": 0.9886,
+                     *               "variance_mm2": 0.6256
                      *             },
                      *             "paranasal_left": {
-                     *               "count": 272,
-                     *               "l2_norm_mm": 44.6104,
-                     *               "max_mm": 3.1075,
-                     *               "mean_abs_mm": 2.6494,
-                     *               "mean_mm": 2.6494,
-                     *               "p50_mm": 2.8229,
-                     *               "p90_mm": 3.0148,
+                     *               "count": 247,
+                     *               "l2_norm_mm": 42.5974,
+                     *               "max_mm": 3.1055,
+                     *               "mean_abs_mm": 2.6573,
+                     *               "mean_mm": 2.6573,
+                     *               "p50_mm": 2.8305,
+                     *               "p90_mm": 3.015,
                      *               "p95_mm": 3.049,
-                     *               "rms_mm": 2.6951,
-                     *               "share_below_1_mm": 0.0186,
-                     *               "share_below_2_mm": 0.105,
-                     *               "share_below_3_mm": 0.889,
-                     *               "variance_mm2": 0.2442
+                     *               "rms_mm": 2.7012,
+                     *               "share_below_1_mm": 0.0191,
+                     *               "share_below_2_mm": 0.1007,
+                     *               "share_below_3_mm": 0.8741,
+                     *               "variance_mm2": 0.2351
                      *             },
                      *             "paranasal_right": {
-                     *               "count": 257,
-                     *               "l2_norm_mm": 42.5295,
-                     *               "max_mm": 3.1065,
-                     *               "mean_abs_mm": 2.5815,
-                     *               "mean_mm": 2.5815,
-                     *               "p50_mm": 2.7886,
-                     *               "p90_mm": 2.9949,
-                     *               "p95_mm": 3.0208,
-                     *               "rms_mm": 2.633,
-                     *               "share_below_1_mm": 0.0211,
-                     *               "share_below_2_mm": 0.1508,
-                     *               "share_below_3_mm": 0.9163,
-                     *               "variance_mm2": 0.2687
+                     *               "count": 256,
+                     *               "l2_norm_mm": 42.8447,
+                     *               "max_mm": 3.1215,
+                     *               "mean_abs_mm": 2.6135,
+                     *               "mean_mm": 2.6135,
+                     *               "p50_mm": 2.8087,
+                     *               "p90_mm": 3.0016,
+                     *               "p95_mm": 3.0488,
+                     *               "rms_mm": 2.6583,
+                     *               "share_below_1_mm": 0.0104,
+                     *               "share_below_2_mm": 0.1201,
+                     *               "share_below_3_mm": 0.8969,
+                     *               "variance_mm2": 0.2365
                      *             },
                      *             "submental": {
-                     *               "count": 1297,
+                     *               "count": 973,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4729,41 +4729,41 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "upper_lip": {
-                     *               "count": 493,
-                     *               "l2_norm_mm": 71.462,
+                     *               "count": 475,
+                     *               "l2_norm_mm": 70.2742,
                      *               "max_mm": 3.4977,
-                     *               "mean_abs_mm": 3.2271,
-                     *               "mean_mm": 3.2271,
-                     *               "p50_mm": 3.2137,
-                     *               "p90_mm": 3.4397,
+                     *               "mean_abs_mm": 3.2349,
+                     *               "mean_mm": 3.2349,
+                     *               "p50_mm": 3.224,
+                     *               "p90_mm": 3.4404,
                      *               "p95_mm": 3.4719,
-                     *               "rms_mm": 3.2306,
+                     *               "rms_mm": 3.2382,
                      *               "share_below_1_mm": 0,
                      *               "share_below_2_mm": 0,
-                     *               "share_below_3_mm": 0.0634,
-                     *               "variance_mm2": 0.0223
+                     *               "share_below_3_mm": 0.0507,
+                     *               "variance_mm2": 0.0214
                      *             }
                      *           },
                      *           "whole": {
                      *             "count": 81640,
-                     *             "l2_norm_mm": 142.4817,
+                     *             "l2_norm_mm": 142.7612,
                      *             "max_mm": 3.4977,
-                     *             "mean_abs_mm": 0.1057,
-                     *             "mean_mm": 0.1057,
+                     *             "mean_abs_mm": 0.1066,
+                     *             "mean_mm": 0.1066,
                      *             "p50_mm": 0,
                      *             "p90_mm": 0,
-                     *             "p95_mm": 0.3853,
-                     *             "rms_mm": 0.5061,
-                     *             "share_below_1_mm": 0.9596,
-                     *             "share_below_2_mm": 0.972,
+                     *             "p95_mm": 0.4028,
+                     *             "rms_mm": 0.508,
+                     *             "share_below_1_mm": 0.9593,
+                     *             "share_below_2_mm": 0.9717,
                      *             "share_below_3_mm": 0.9916,
-                     *             "variance_mm2": 0.245
+                     *             "variance_mm2": 0.2467
                      *           }
                      *         },
                      *         "no_prediction": {
                      *           "regions": {
                      *             "cheek_left": {
-                     *               "count": 2888,
+                     *               "count": 2757,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4778,7 +4778,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "cheek_right": {
-                     *               "count": 2892,
+                     *               "count": 2777,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4793,7 +4793,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "chin": {
-                     *               "count": 1530,
+                     *               "count": 1439,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4808,7 +4808,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "forehead": {
-                     *               "count": 6259,
+                     *               "count": 5945,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4823,7 +4823,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "lower_lip": {
-                     *               "count": 843,
+                     *               "count": 811,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4838,7 +4838,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "nose": {
-                     *               "count": 1991,
+                     *               "count": 1897,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4853,7 +4853,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "paranasal_left": {
-                     *               "count": 272,
+                     *               "count": 247,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4868,7 +4868,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "paranasal_right": {
-                     *               "count": 257,
+                     *               "count": 256,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4883,7 +4883,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "submental": {
-                     *               "count": 1297,
+                     *               "count": 973,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4898,7 +4898,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "upper_lip": {
-                     *               "count": 493,
+                     *               "count": 475,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -4932,18 +4932,18 @@ export interface operations {
                      *       },
                      *       "correspondence": {
                      *         "count": 81640,
-                     *         "l2_norm_mm": 155.5858,
-                     *         "max_mm": 4.2059,
-                     *         "mean_abs_mm": 0.144,
-                     *         "mean_mm": 0.144,
+                     *         "l2_norm_mm": 163.6626,
+                     *         "max_mm": 4.1986,
+                     *         "mean_abs_mm": 0.156,
+                     *         "mean_mm": 0.156,
                      *         "p50_mm": 0,
-                     *         "p90_mm": 0.2331,
-                     *         "p95_mm": 0.8403,
-                     *         "rms_mm": 0.5536,
-                     *         "share_below_1_mm": 0.9539,
-                     *         "share_below_2_mm": 0.972,
-                     *         "share_below_3_mm": 0.9886,
-                     *         "variance_mm2": 0.2857
+                     *         "p90_mm": 0.2706,
+                     *         "p95_mm": 0.9645,
+                     *         "rms_mm": 0.5819,
+                     *         "share_below_1_mm": 0.951,
+                     *         "share_below_2_mm": 0.9692,
+                     *         "share_below_3_mm": 0.9866,
+                     *         "variance_mm2": 0.3143
                      *       },
                      *       "excluded": 0,
                      *       "histogram": [
@@ -4960,188 +4960,188 @@ export interface operations {
                      *       "reference": "target of session 0197a2c0-0000-7000-8000-000000000001",
                      *       "regions": {
                      *         "cheek_left": {
-                     *           "count": 2888,
-                     *           "l2_norm_mm": 21.2293,
-                     *           "max_mm": 1.8264,
-                     *           "mean_abs_mm": 0.2137,
-                     *           "mean_mm": 0.1113,
-                     *           "p50_mm": 0.101,
-                     *           "p90_mm": 0.6425,
-                     *           "p95_mm": 0.9856,
-                     *           "rms_mm": 0.3901,
-                     *           "share_below_1_mm": 0.9515,
-                     *           "share_below_2_mm": 1,
+                     *           "count": 2757,
+                     *           "l2_norm_mm": 25.8031,
+                     *           "max_mm": 2.1034,
+                     *           "mean_abs_mm": 0.272,
+                     *           "mean_mm": 0.1566,
+                     *           "p50_mm": 0.1378,
+                     *           "p90_mm": 0.8199,
+                     *           "p95_mm": 1.2618,
+                     *           "rms_mm": 0.4857,
+                     *           "share_below_1_mm": 0.9236,
+                     *           "share_below_2_mm": 0.9959,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1398
+                     *           "variance_mm2": 0.2114
                      *         },
                      *         "cheek_right": {
-                     *           "count": 2892,
-                     *           "l2_norm_mm": 21.5743,
-                     *           "max_mm": 1.8719,
-                     *           "mean_abs_mm": 0.2156,
-                     *           "mean_mm": 0.1162,
-                     *           "p50_mm": 0.1022,
-                     *           "p90_mm": 0.6419,
-                     *           "p95_mm": 1.0414,
-                     *           "rms_mm": 0.3969,
-                     *           "share_below_1_mm": 0.9464,
-                     *           "share_below_2_mm": 1,
+                     *           "count": 2777,
+                     *           "l2_norm_mm": 25.1073,
+                     *           "max_mm": 2.0792,
+                     *           "mean_abs_mm": 0.2653,
+                     *           "mean_mm": 0.1505,
+                     *           "p50_mm": 0.1367,
+                     *           "p90_mm": 0.8009,
+                     *           "p95_mm": 1.2182,
+                     *           "rms_mm": 0.4704,
+                     *           "share_below_1_mm": 0.9272,
+                     *           "share_below_2_mm": 0.9973,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1441
+                     *           "variance_mm2": 0.1986
                      *         },
                      *         "chin": {
-                     *           "count": 1530,
-                     *           "l2_norm_mm": 1.9616,
-                     *           "max_mm": 0.3662,
-                     *           "mean_abs_mm": 0.0227,
-                     *           "mean_mm": 0.0125,
-                     *           "p50_mm": 0.0096,
-                     *           "p90_mm": 0.0431,
-                     *           "p95_mm": 0.1176,
-                     *           "rms_mm": 0.0479,
+                     *           "count": 1439,
+                     *           "l2_norm_mm": 3.6661,
+                     *           "max_mm": 0.6949,
+                     *           "mean_abs_mm": 0.0402,
+                     *           "mean_mm": 0.0333,
+                     *           "p50_mm": 0.0129,
+                     *           "p90_mm": 0.0862,
+                     *           "p95_mm": 0.24,
+                     *           "rms_mm": 0.0962,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0021
+                     *           "variance_mm2": 0.0081
                      *         },
                      *         "forehead": {
-                     *           "count": 6259,
-                     *           "l2_norm_mm": 0.0028,
-                     *           "max_mm": 0.0009,
+                     *           "count": 5945,
+                     *           "l2_norm_mm": 0.0075,
+                     *           "max_mm": 0.0017,
                      *           "mean_abs_mm": 0,
                      *           "mean_mm": 0,
                      *           "p50_mm": 0,
                      *           "p90_mm": 0,
                      *           "p95_mm": 0,
-                     *           "rms_mm": 0,
+                     *           "rms_mm": 0.0001,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "lower_lip": {
-                     *           "count": 843,
-                     *           "l2_norm_mm": 49.9994,
-                     *           "max_mm": 3.5041,
-                     *           "mean_abs_mm": 1.532,
-                     *           "mean_mm": 1.532,
-                     *           "p50_mm": 1.3396,
-                     *           "p90_mm": 2.9323,
-                     *           "p95_mm": 3.2123,
-                     *           "rms_mm": 1.7694,
-                     *           "share_below_1_mm": 0.3193,
-                     *           "share_below_2_mm": 0.7094,
-                     *           "share_below_3_mm": 0.9153,
-                     *           "variance_mm2": 0.7835
+                     *           "count": 811,
+                     *           "l2_norm_mm": 57.6064,
+                     *           "max_mm": 3.711,
+                     *           "mean_abs_mm": 1.871,
+                     *           "mean_mm": 1.871,
+                     *           "p50_mm": 1.8001,
+                     *           "p90_mm": 3.3062,
+                     *           "p95_mm": 3.4588,
+                     *           "rms_mm": 2.077,
+                     *           "share_below_1_mm": 0.1943,
+                     *           "share_below_2_mm": 0.6039,
+                     *           "share_below_3_mm": 0.8442,
+                     *           "variance_mm2": 0.8132
                      *         },
                      *         "nose": {
-                     *           "count": 1991,
-                     *           "l2_norm_mm": 36.4943,
-                     *           "max_mm": 3.6711,
-                     *           "mean_abs_mm": 0.5534,
-                     *           "mean_mm": 0.512,
-                     *           "p50_mm": 0.3608,
-                     *           "p90_mm": 1.3374,
-                     *           "p95_mm": 1.5702,
-                     *           "rms_mm": 0.8157,
-                     *           "share_below_1_mm": 0.7717,
-                     *           "share_below_2_mm": 0.9782,
-                     *           "share_below_3_mm": 0.9922,
-                     *           "variance_mm2": 0.4032
+                     *           "count": 1897,
+                     *           "l2_norm_mm": 37.7275,
+                     *           "max_mm": 3.7399,
+                     *           "mean_abs_mm": 0.6037,
+                     *           "mean_mm": 0.5627,
+                     *           "p50_mm": 0.4065,
+                     *           "p90_mm": 1.4102,
+                     *           "p95_mm": 1.6706,
+                     *           "rms_mm": 0.8648,
+                     *           "share_below_1_mm": 0.7398,
+                     *           "share_below_2_mm": 0.9746,
+                     *           "share_below_3_mm": 0.9926,
+                     *           "variance_mm2": 0.4312
                      *         },
                      *         "paranasal_left": {
-                     *           "count": 272,
-                     *           "l2_norm_mm": 41.9564,
-                     *           "max_mm": 3.3254,
-                     *           "mean_abs_mm": 2.4881,
-                     *           "mean_mm": 2.4881,
-                     *           "p50_mm": 2.5398,
-                     *           "p90_mm": 3.0931,
-                     *           "p95_mm": 3.2211,
-                     *           "rms_mm": 2.5349,
+                     *           "count": 247,
+                     *           "l2_norm_mm": 41.412,
+                     *           "max_mm": 3.4271,
+                     *           "mean_abs_mm": 2.5826,
+                     *           "mean_mm": 2.5826,
+                     *           "p50_mm": 2.6137,
+                     *           "p90_mm": 3.1229,
+                     *           "p95_mm": 3.2643,
+                     *           "rms_mm": 2.6195,
                      *           "share_below_1_mm": 0,
-                     *           "share_below_2_mm": 0.178,
-                     *           "share_below_3_mm": 0.8377,
-                     *           "variance_mm2": 0.235
+                     *           "share_below_2_mm": 0.0922,
+                     *           "share_below_3_mm": 0.8253,
+                     *           "variance_mm2": 0.1922
                      *         },
                      *         "paranasal_right": {
-                     *           "count": 257,
-                     *           "l2_norm_mm": 40.6212,
-                     *           "max_mm": 3.3632,
-                     *           "mean_abs_mm": 2.4655,
-                     *           "mean_mm": 2.4655,
-                     *           "p50_mm": 2.4743,
-                     *           "p90_mm": 3.1138,
-                     *           "p95_mm": 3.2187,
-                     *           "rms_mm": 2.5138,
+                     *           "count": 256,
+                     *           "l2_norm_mm": 42.1316,
+                     *           "max_mm": 3.4005,
+                     *           "mean_abs_mm": 2.577,
+                     *           "mean_mm": 2.577,
+                     *           "p50_mm": 2.6079,
+                     *           "p90_mm": 3.1486,
+                     *           "p95_mm": 3.252,
+                     *           "rms_mm": 2.6145,
                      *           "share_below_1_mm": 0,
-                     *           "share_below_2_mm": 0.1847,
-                     *           "share_below_3_mm": 0.8333,
-                     *           "variance_mm2": 0.2407
+                     *           "share_below_2_mm": 0.0953,
+                     *           "share_below_3_mm": 0.8266,
+                     *           "variance_mm2": 0.1948
                      *         },
                      *         "submental": {
-                     *           "count": 1297,
-                     *           "l2_norm_mm": 0.0927,
-                     *           "max_mm": 0.0102,
-                     *           "mean_abs_mm": 0.0015,
-                     *           "mean_mm": 0.0011,
-                     *           "p50_mm": 0.0008,
-                     *           "p90_mm": 0.0041,
-                     *           "p95_mm": 0.0065,
-                     *           "rms_mm": 0.0025,
+                     *           "count": 973,
+                     *           "l2_norm_mm": 0.1587,
+                     *           "max_mm": 0.019,
+                     *           "mean_abs_mm": 0.0031,
+                     *           "mean_mm": 0.0028,
+                     *           "p50_mm": 0.0016,
+                     *           "p90_mm": 0.0081,
+                     *           "p95_mm": 0.012,
+                     *           "rms_mm": 0.0049,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "upper_lip": {
-                     *           "count": 493,
-                     *           "l2_norm_mm": 77.2796,
-                     *           "max_mm": 4.0518,
-                     *           "mean_abs_mm": 3.4924,
-                     *           "mean_mm": 3.4924,
-                     *           "p50_mm": 3.5216,
-                     *           "p90_mm": 3.8503,
-                     *           "p95_mm": 3.9539,
-                     *           "rms_mm": 3.5046,
+                     *           "count": 475,
+                     *           "l2_norm_mm": 76.1552,
+                     *           "max_mm": 3.9766,
+                     *           "mean_abs_mm": 3.511,
+                     *           "mean_mm": 3.511,
+                     *           "p50_mm": 3.5122,
+                     *           "p90_mm": 3.8332,
+                     *           "p95_mm": 3.8685,
+                     *           "rms_mm": 3.5195,
                      *           "share_below_1_mm": 0,
                      *           "share_below_2_mm": 0,
-                     *           "share_below_3_mm": 0.0734,
-                     *           "variance_mm2": 0.0852
+                     *           "share_below_3_mm": 0.0202,
+                     *           "variance_mm2": 0.0598
                      *         }
                      *       },
                      *       "registration": null,
-                     *       "roughness_mm": 0.0611,
+                     *       "roughness_mm": 0.0613,
                      *       "smoothed": {
                      *         "count": 81640,
-                     *         "l2_norm_mm": 122.4958,
-                     *         "max_mm": 3.6422,
-                     *         "mean_abs_mm": 0.1031,
-                     *         "mean_mm": 0.0913,
+                     *         "l2_norm_mm": 129.0672,
+                     *         "max_mm": 3.592,
+                     *         "mean_abs_mm": 0.112,
+                     *         "mean_mm": 0.0989,
                      *         "p50_mm": 0,
-                     *         "p90_mm": 0.102,
-                     *         "p95_mm": 0.6379,
-                     *         "rms_mm": 0.439,
-                     *         "share_below_1_mm": 0.9635,
-                     *         "share_below_2_mm": 0.9824,
-                     *         "share_below_3_mm": 0.9939,
-                     *         "variance_mm2": 0.1844
+                     *         "p90_mm": 0.1213,
+                     *         "p95_mm": 0.7303,
+                     *         "rms_mm": 0.462,
+                     *         "share_below_1_mm": 0.9599,
+                     *         "share_below_2_mm": 0.9803,
+                     *         "share_below_3_mm": 0.9929,
+                     *         "variance_mm2": 0.2037
                      *       },
                      *       "warnings": [],
                      *       "whole": {
                      *         "count": 81640,
-                     *         "l2_norm_mm": 128.469,
-                     *         "max_mm": 4.0518,
-                     *         "mean_abs_mm": 0.1051,
-                     *         "mean_mm": 0.0916,
+                     *         "l2_norm_mm": 134.7512,
+                     *         "max_mm": 3.9766,
+                     *         "mean_abs_mm": 0.1141,
+                     *         "mean_mm": 0.0992,
                      *         "p50_mm": 0,
-                     *         "p90_mm": 0.0946,
-                     *         "p95_mm": 0.5651,
-                     *         "rms_mm": 0.4622,
-                     *         "share_below_1_mm": 0.963,
-                     *         "share_below_2_mm": 0.9818,
-                     *         "share_below_3_mm": 0.9914,
-                     *         "variance_mm2": 0.2052
+                     *         "p90_mm": 0.115,
+                     *         "p95_mm": 0.6643,
+                     *         "rms_mm": 0.484,
+                     *         "share_below_1_mm": 0.9597,
+                     *         "share_below_2_mm": 0.9795,
+                     *         "share_below_3_mm": 0.9907,
+                     *         "variance_mm2": 0.2244
                      *       }
                      *     }
                      */
@@ -5209,9 +5209,9 @@ export interface operations {
                      *       "jobs": [
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T23:18:11.112Z",
+                     *           "created_at": "2026-11-29T03:20:18.526Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T23:18:25.799Z",
+                     *           "finished_at": "2026-11-29T03:20:27.239Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000001",
                      *           "kind": "solve",
                      *           "links": {
@@ -5224,13 +5224,14 @@ export interface operations {
                      *           },
                      *           "notes": [
                      *             {
-                     *               "code": "overlap-at-rest",
-                     *               "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *               "action": "Use the locking option `patched`.",
+                     *               "code": "stiff-elements",
+                     *               "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
                      *               "severity": "info"
                      *             },
                      *             {
-                     *               "code": "mucosa-nodes",
-                     *               "message": "165 nodes at teeth and gum glide on bone",
+                     *               "code": "overlap-at-rest",
+                     *               "message": "step 1: 3 of 260 contact points lie 0.1 to 0.25 mm inside bone at rest; their gap is measured from that position",
                      *               "severity": "info"
                      *             }
                      *           ],
@@ -5240,34 +5241,28 @@ export interface operations {
                      *           "progress": 1,
                      *           "queue_position": null,
                      *           "residuals": [
-                     *             0.001,
-                     *             0
+                     *             0.0009,
+                     *             0.0001
                      *           ],
                      *           "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *           "started_at": "2026-11-28T23:18:11.118Z",
+                     *           "started_at": "2026-11-29T03:20:18.531Z",
                      *           "status": "succeeded",
                      *           "step": 2,
                      *           "steps": 2,
                      *           "warnings": [
                      *             {
-                     *               "action": "Use the locking option `patched`.",
-                     *               "code": "stiff-elements",
-                     *               "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
-                     *               "severity": "check"
-                     *             },
-                     *             {
                      *               "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
                      *               "code": "joined-lips",
-                     *               "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 2.8 mm",
+                     *               "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 3.3 mm",
                      *               "severity": "check"
                      *             }
                      *           ]
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T23:18:00.415Z",
+                     *           "created_at": "2026-11-29T03:20:12.995Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T23:18:09.423Z",
+                     *           "finished_at": "2026-11-29T03:20:17.297Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000004",
                      *           "kind": "mesh",
                      *           "links": {
@@ -5278,12 +5273,12 @@ export interface operations {
                      *           "notes": [
                      *             {
                      *               "code": "mesh-pockets",
-                     *               "message": "tissue behind narrow necks was left out: 12 pockets with 758 tetrahedra and 8.71 cm³, 1.8 % of the mesh",
+                     *               "message": "tissue behind narrow necks was left out: 10 pockets with 526 tetrahedra and 8.66 cm³, 1.8 % of the mesh",
                      *               "severity": "info"
                      *             },
                      *             {
                      *               "code": "mesh-loose-parts",
-                     *               "message": "4 parts attached to the tissue by fewer than two faces were dropped (6 of 25220 elements)",
+                     *               "message": "5 parts attached to the tissue by fewer than two faces were dropped (15 of 23604 elements)",
                      *               "severity": "info"
                      *             }
                      *           ],
@@ -5293,7 +5288,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *           "started_at": "2026-11-28T23:18:00.423Z",
+                     *           "started_at": "2026-11-29T03:20:13.003Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -5301,9 +5296,9 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T23:17:44.282Z",
+                     *           "created_at": "2026-11-29T03:20:04.233Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T23:17:56.017Z",
+                     *           "finished_at": "2026-11-29T03:20:10.444Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000005",
                      *           "kind": "field",
                      *           "links": {
@@ -5313,13 +5308,8 @@ export interface operations {
                      *           },
                      *           "notes": [
                      *             {
-                     *               "code": "envelope-parts-dropped",
-                     *               "message": "3 separate parts smaller than 1000 mm³ dropped (3 mm³ in all)",
-                     *               "severity": "info"
-                     *             },
-                     *             {
                      *               "code": "cavities-filled",
-                     *               "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.4 cm³, surface 826.6 cm³",
+                     *               "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.6 cm³, surface 826.6 cm³",
                      *               "severity": "info"
                      *             }
                      *           ],
@@ -5329,7 +5319,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *           "started_at": "2026-11-28T23:17:44.297Z",
+                     *           "started_at": "2026-11-29T03:20:04.237Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -5337,9 +5327,9 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T23:17:23.254Z",
+                     *           "created_at": "2026-11-29T03:19:47.438Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T23:17:38.656Z",
+                     *           "finished_at": "2026-11-29T03:19:56.891Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000006",
                      *           "kind": "import",
                      *           "links": {
@@ -5366,7 +5356,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000007",
-                     *           "started_at": "2026-11-28T23:17:23.276Z",
+                     *           "started_at": "2026-11-29T03:19:47.450Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -5428,9 +5418,9 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 1,
-                     *       "created_at": "2026-11-28T23:18:11.112Z",
+                     *       "created_at": "2026-11-29T03:20:18.526Z",
                      *       "eta_s": null,
-                     *       "finished_at": "2026-11-28T23:18:25.799Z",
+                     *       "finished_at": "2026-11-29T03:20:27.239Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "kind": "solve",
                      *       "links": {
@@ -5443,13 +5433,14 @@ export interface operations {
                      *       },
                      *       "notes": [
                      *         {
-                     *           "code": "overlap-at-rest",
-                     *           "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *           "action": "Use the locking option `patched`.",
+                     *           "code": "stiff-elements",
+                     *           "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
                      *           "severity": "info"
                      *         },
                      *         {
-                     *           "code": "mucosa-nodes",
-                     *           "message": "165 nodes at teeth and gum glide on bone",
+                     *           "code": "overlap-at-rest",
+                     *           "message": "step 1: 3 of 260 contact points lie 0.1 to 0.25 mm inside bone at rest; their gap is measured from that position",
                      *           "severity": "info"
                      *         }
                      *       ],
@@ -5459,25 +5450,19 @@ export interface operations {
                      *       "progress": 1,
                      *       "queue_position": null,
                      *       "residuals": [
-                     *         0.001,
-                     *         0
+                     *         0.0009,
+                     *         0.0001
                      *       ],
                      *       "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *       "started_at": "2026-11-28T23:18:11.118Z",
+                     *       "started_at": "2026-11-29T03:20:18.531Z",
                      *       "status": "succeeded",
                      *       "step": 2,
                      *       "steps": 2,
                      *       "warnings": [
                      *         {
-                     *           "action": "Use the locking option `patched`.",
-                     *           "code": "stiff-elements",
-                     *           "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
-                     *           "severity": "check"
-                     *         },
-                     *         {
                      *           "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
                      *           "code": "joined-lips",
-                     *           "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 2.8 mm",
+                     *           "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 3.3 mm",
                      *           "severity": "check"
                      *         }
                      *       ]
@@ -5522,8 +5507,8 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 1,
-                     *       "cancel_requested_at": "2026-11-28T23:18:37.480Z",
-                     *       "created_at": "2026-11-28T23:18:37.456Z",
+                     *       "cancel_requested_at": "2026-11-29T03:20:35.003Z",
+                     *       "created_at": "2026-11-29T03:20:34.992Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -5540,7 +5525,7 @@ export interface operations {
                      *       "queue_position": null,
                      *       "residuals": [],
                      *       "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *       "started_at": "2026-11-28T23:18:37.467Z",
+                     *       "started_at": "2026-11-29T03:20:34.998Z",
                      *       "status": "running",
                      *       "step": 0,
                      *       "steps": 200,
@@ -5594,221 +5579,221 @@ export interface operations {
                      * @example {
                      *       "backward": {
                      *         "count": 81640,
-                     *         "l2_norm_mm": 130.2708,
-                     *         "max_mm": 4.0486,
-                     *         "mean_abs_mm": 0.101,
-                     *         "mean_mm": 0.0872,
+                     *         "l2_norm_mm": 136.552,
+                     *         "max_mm": 3.9773,
+                     *         "mean_abs_mm": 0.1095,
+                     *         "mean_mm": 0.0942,
                      *         "p50_mm": 0,
-                     *         "p90_mm": 0.0886,
-                     *         "p95_mm": 0.5178,
-                     *         "rms_mm": 0.4507,
-                     *         "share_below_1_mm": 0.965,
-                     *         "share_below_2_mm": 0.9822,
-                     *         "share_below_3_mm": 0.9922,
-                     *         "variance_mm2": 0.1955
+                     *         "p90_mm": 0.1082,
+                     *         "p95_mm": 0.595,
+                     *         "rms_mm": 0.4721,
+                     *         "share_below_1_mm": 0.962,
+                     *         "share_below_2_mm": 0.9801,
+                     *         "share_below_3_mm": 0.9912,
+                     *         "variance_mm2": 0.214
                      *       },
                      *       "backward_regions": {
                      *         "cheek_left": {
-                     *           "count": 2883,
-                     *           "l2_norm_mm": 20.6192,
-                     *           "max_mm": 1.7892,
-                     *           "mean_abs_mm": 0.2055,
-                     *           "mean_mm": 0.1006,
-                     *           "p50_mm": 0.0972,
-                     *           "p90_mm": 0.6156,
-                     *           "p95_mm": 0.95,
-                     *           "rms_mm": 0.3755,
-                     *           "share_below_1_mm": 0.9546,
-                     *           "share_below_2_mm": 1,
+                     *           "count": 2736,
+                     *           "l2_norm_mm": 23.6412,
+                     *           "max_mm": 2.0045,
+                     *           "mean_abs_mm": 0.2502,
+                     *           "mean_mm": 0.1312,
+                     *           "p50_mm": 0.1344,
+                     *           "p90_mm": 0.7436,
+                     *           "p95_mm": 1.1325,
+                     *           "rms_mm": 0.4403,
+                     *           "share_below_1_mm": 0.9363,
+                     *           "share_below_2_mm": 0.9997,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1309
+                     *           "variance_mm2": 0.1766
                      *         },
                      *         "cheek_right": {
-                     *           "count": 2862,
-                     *           "l2_norm_mm": 19.5813,
-                     *           "max_mm": 1.6795,
-                     *           "mean_abs_mm": 0.1957,
-                     *           "mean_mm": 0.0928,
-                     *           "p50_mm": 0.0964,
-                     *           "p90_mm": 0.574,
-                     *           "p95_mm": 0.9093,
-                     *           "rms_mm": 0.356,
-                     *           "share_below_1_mm": 0.9586,
-                     *           "share_below_2_mm": 1,
+                     *           "count": 2766,
+                     *           "l2_norm_mm": 24.1395,
+                     *           "max_mm": 2.0128,
+                     *           "mean_abs_mm": 0.2534,
+                     *           "mean_mm": 0.1358,
+                     *           "p50_mm": 0.1352,
+                     *           "p90_mm": 0.755,
+                     *           "p95_mm": 1.1462,
+                     *           "rms_mm": 0.4478,
+                     *           "share_below_1_mm": 0.9348,
+                     *           "share_below_2_mm": 0.9994,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1181
+                     *           "variance_mm2": 0.1821
                      *         },
                      *         "chin": {
-                     *           "count": 1528,
-                     *           "l2_norm_mm": 1.9892,
-                     *           "max_mm": 0.2876,
-                     *           "mean_abs_mm": 0.023,
-                     *           "mean_mm": 0.0126,
-                     *           "p50_mm": 0.0087,
-                     *           "p90_mm": 0.049,
-                     *           "p95_mm": 0.1271,
-                     *           "rms_mm": 0.0489,
+                     *           "count": 1412,
+                     *           "l2_norm_mm": 3.294,
+                     *           "max_mm": 0.4893,
+                     *           "mean_abs_mm": 0.0382,
+                     *           "mean_mm": 0.0305,
+                     *           "p50_mm": 0.0123,
+                     *           "p90_mm": 0.0965,
+                     *           "p95_mm": 0.2167,
+                     *           "rms_mm": 0.0858,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0022
+                     *           "variance_mm2": 0.0064
                      *         },
                      *         "forehead": {
-                     *           "count": 6259,
-                     *           "l2_norm_mm": 0.0025,
-                     *           "max_mm": 0.0008,
+                     *           "count": 5945,
+                     *           "l2_norm_mm": 0.0069,
+                     *           "max_mm": 0.0016,
                      *           "mean_abs_mm": 0,
                      *           "mean_mm": 0,
                      *           "p50_mm": 0,
                      *           "p90_mm": 0,
                      *           "p95_mm": 0,
-                     *           "rms_mm": 0,
+                     *           "rms_mm": 0.0001,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "lower_lip": {
-                     *           "count": 809,
-                     *           "l2_norm_mm": 46.2404,
-                     *           "max_mm": 3.329,
-                     *           "mean_abs_mm": 1.4252,
-                     *           "mean_mm": 1.4252,
-                     *           "p50_mm": 1.2296,
-                     *           "p90_mm": 2.6982,
-                     *           "p95_mm": 2.9042,
-                     *           "rms_mm": 1.6389,
-                     *           "share_below_1_mm": 0.3629,
-                     *           "share_below_2_mm": 0.734,
-                     *           "share_below_3_mm": 0.9718,
-                     *           "variance_mm2": 0.655
+                     *           "count": 781,
+                     *           "l2_norm_mm": 55.777,
+                     *           "max_mm": 3.6771,
+                     *           "mean_abs_mm": 1.8074,
+                     *           "mean_mm": 1.8074,
+                     *           "p50_mm": 1.7058,
+                     *           "p90_mm": 3.2028,
+                     *           "p95_mm": 3.3756,
+                     *           "rms_mm": 2.0181,
+                     *           "share_below_1_mm": 0.2262,
+                     *           "share_below_2_mm": 0.6014,
+                     *           "share_below_3_mm": 0.8587,
+                     *           "variance_mm2": 0.8061
                      *         },
                      *         "nose": {
-                     *           "count": 2026,
-                     *           "l2_norm_mm": 42.7499,
-                     *           "max_mm": 3.6737,
-                     *           "mean_abs_mm": 0.6029,
-                     *           "mean_mm": 0.5606,
-                     *           "p50_mm": 0.3729,
-                     *           "p90_mm": 1.3702,
-                     *           "p95_mm": 2.1672,
-                     *           "rms_mm": 0.9451,
-                     *           "share_below_1_mm": 0.7849,
-                     *           "share_below_2_mm": 0.9441,
-                     *           "share_below_3_mm": 0.9732,
-                     *           "variance_mm2": 0.579
+                     *           "count": 1915,
+                     *           "l2_norm_mm": 43.6712,
+                     *           "max_mm": 3.7374,
+                     *           "mean_abs_mm": 0.6497,
+                     *           "mean_mm": 0.6083,
+                     *           "p50_mm": 0.4156,
+                     *           "p90_mm": 1.4663,
+                     *           "p95_mm": 2.288,
+                     *           "rms_mm": 0.9905,
+                     *           "share_below_1_mm": 0.7572,
+                     *           "share_below_2_mm": 0.9435,
+                     *           "share_below_3_mm": 0.9695,
+                     *           "variance_mm2": 0.6111
                      *         },
                      *         "paranasal_left": {
                      *           "count": 269,
-                     *           "l2_norm_mm": 40.4915,
-                     *           "max_mm": 3.244,
-                     *           "mean_abs_mm": 2.4047,
-                     *           "mean_mm": 2.4047,
-                     *           "p50_mm": 2.4402,
-                     *           "p90_mm": 2.9928,
-                     *           "p95_mm": 3.0945,
-                     *           "rms_mm": 2.4495,
+                     *           "l2_norm_mm": 42.0232,
+                     *           "max_mm": 3.3674,
+                     *           "mean_abs_mm": 2.5046,
+                     *           "mean_mm": 2.5046,
+                     *           "p50_mm": 2.5285,
+                     *           "p90_mm": 3.0744,
+                     *           "p95_mm": 3.1885,
+                     *           "rms_mm": 2.5428,
                      *           "share_below_1_mm": 0,
-                     *           "share_below_2_mm": 0.2112,
-                     *           "share_below_3_mm": 0.9048,
-                     *           "variance_mm2": 0.2171
+                     *           "share_below_2_mm": 0.1202,
+                     *           "share_below_3_mm": 0.8513,
+                     *           "variance_mm2": 0.1931
                      *         },
                      *         "paranasal_right": {
-                     *           "count": 283,
-                     *           "l2_norm_mm": 41.2586,
-                     *           "max_mm": 3.3254,
-                     *           "mean_abs_mm": 2.3801,
-                     *           "mean_mm": 2.3801,
-                     *           "p50_mm": 2.3958,
-                     *           "p90_mm": 3.0502,
-                     *           "p95_mm": 3.1582,
-                     *           "rms_mm": 2.4323,
+                     *           "count": 253,
+                     *           "l2_norm_mm": 40.5988,
+                     *           "max_mm": 3.308,
+                     *           "mean_abs_mm": 2.489,
+                     *           "mean_mm": 2.489,
+                     *           "p50_mm": 2.4973,
+                     *           "p90_mm": 3.0437,
+                     *           "p95_mm": 3.157,
+                     *           "rms_mm": 2.524,
                      *           "share_below_1_mm": 0,
-                     *           "share_below_2_mm": 0.2473,
-                     *           "share_below_3_mm": 0.8746,
-                     *           "variance_mm2": 0.2511
+                     *           "share_below_2_mm": 0.1081,
+                     *           "share_below_3_mm": 0.8825,
+                     *           "variance_mm2": 0.1753
                      *         },
                      *         "submental": {
-                     *           "count": 1296,
-                     *           "l2_norm_mm": 0.0805,
-                     *           "max_mm": 0.0088,
-                     *           "mean_abs_mm": 0.0013,
-                     *           "mean_mm": 0.0009,
-                     *           "p50_mm": 0.0007,
-                     *           "p90_mm": 0.0037,
-                     *           "p95_mm": 0.0058,
-                     *           "rms_mm": 0.0022,
+                     *           "count": 973,
+                     *           "l2_norm_mm": 0.1388,
+                     *           "max_mm": 0.0168,
+                     *           "mean_abs_mm": 0.0028,
+                     *           "mean_mm": 0.0024,
+                     *           "p50_mm": 0.0014,
+                     *           "p90_mm": 0.0068,
+                     *           "p95_mm": 0.0106,
+                     *           "rms_mm": 0.0043,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "upper_lip": {
-                     *           "count": 557,
-                     *           "l2_norm_mm": 81.1472,
-                     *           "max_mm": 4.0486,
-                     *           "mean_abs_mm": 3.4398,
-                     *           "mean_mm": 3.4398,
-                     *           "p50_mm": 3.4725,
-                     *           "p90_mm": 3.8731,
-                     *           "p95_mm": 3.9544,
-                     *           "rms_mm": 3.4567,
+                     *           "count": 519,
+                     *           "l2_norm_mm": 78.9009,
+                     *           "max_mm": 3.9773,
+                     *           "mean_abs_mm": 3.4717,
+                     *           "mean_mm": 3.4717,
+                     *           "p50_mm": 3.4779,
+                     *           "p90_mm": 3.8415,
+                     *           "p95_mm": 3.8834,
+                     *           "rms_mm": 3.4831,
                      *           "share_below_1_mm": 0,
                      *           "share_below_2_mm": 0,
-                     *           "share_below_3_mm": 0.1246,
-                     *           "variance_mm2": 0.1164
+                     *           "share_below_3_mm": 0.0739,
+                     *           "variance_mm2": 0.079
                      *         }
                      *       },
                      *       "baselines": {
                      *         "nearest_bone": {
                      *           "regions": {
                      *             "cheek_left": {
-                     *               "count": 2888,
-                     *               "l2_norm_mm": 42.0504,
-                     *               "max_mm": 2.9573,
-                     *               "mean_abs_mm": 0.2989,
-                     *               "mean_mm": 0.2989,
+                     *               "count": 2757,
+                     *               "l2_norm_mm": 44.6752,
+                     *               "max_mm": 2.9699,
+                     *               "mean_abs_mm": 0.3459,
+                     *               "mean_mm": 0.3459,
                      *               "p50_mm": 0,
-                     *               "p90_mm": 1.318,
-                     *               "p95_mm": 2.2635,
-                     *               "rms_mm": 0.7588,
-                     *               "share_below_1_mm": 0.8781,
-                     *               "share_below_2_mm": 0.9373,
+                     *               "p90_mm": 1.5947,
+                     *               "p95_mm": 2.4348,
+                     *               "rms_mm": 0.8287,
+                     *               "share_below_1_mm": 0.8592,
+                     *               "share_below_2_mm": 0.9246,
                      *               "share_below_3_mm": 1,
-                     *               "variance_mm2": 0.4864
+                     *               "variance_mm2": 0.567
                      *             },
                      *             "cheek_right": {
-                     *               "count": 2892,
-                     *               "l2_norm_mm": 42.8117,
-                     *               "max_mm": 2.9571,
-                     *               "mean_abs_mm": 0.3094,
-                     *               "mean_mm": 0.3094,
+                     *               "count": 2777,
+                     *               "l2_norm_mm": 44.3501,
+                     *               "max_mm": 2.9635,
+                     *               "mean_abs_mm": 0.3425,
+                     *               "mean_mm": 0.3425,
                      *               "p50_mm": 0,
-                     *               "p90_mm": 1.3641,
-                     *               "p95_mm": 2.3239,
-                     *               "rms_mm": 0.7762,
-                     *               "share_below_1_mm": 0.8753,
-                     *               "share_below_2_mm": 0.9336,
+                     *               "p90_mm": 1.5437,
+                     *               "p95_mm": 2.4131,
+                     *               "rms_mm": 0.8201,
+                     *               "share_below_1_mm": 0.8636,
+                     *               "share_below_2_mm": 0.9249,
                      *               "share_below_3_mm": 1,
-                     *               "variance_mm2": 0.5068
+                     *               "variance_mm2": 0.5553
                      *             },
                      *             "chin": {
-                     *               "count": 1530,
-                     *               "l2_norm_mm": 0.1414,
-                     *               "max_mm": 0.0384,
-                     *               "mean_abs_mm": 0.0008,
-                     *               "mean_mm": 0.0008,
+                     *               "count": 1439,
+                     *               "l2_norm_mm": 0.1532,
+                     *               "max_mm": 0.0381,
+                     *               "mean_abs_mm": 0.0009,
+                     *               "mean_mm": 0.0009,
                      *               "p50_mm": 0,
-                     *               "p90_mm": 0.0009,
-                     *               "p95_mm": 0.0046,
-                     *               "rms_mm": 0.0035,
+                     *               "p90_mm": 0.0013,
+                     *               "p95_mm": 0.0053,
+                     *               "rms_mm": 0.004,
                      *               "share_below_1_mm": 1,
                      *               "share_below_2_mm": 1,
                      *               "share_below_3_mm": 1,
                      *               "variance_mm2": 0
                      *             },
                      *             "forehead": {
-                     *               "count": 6259,
+                     *               "count": 5945,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -5823,67 +5808,67 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "lower_lip": {
-                     *               "count": 843,
-                     *               "l2_norm_mm": 55.1005,
-                     *               "max_mm": 3.3737,
-                     *               "mean_abs_mm": 1.5885,
-                     *               "mean_mm": 1.5885,
-                     *               "p50_mm": 1.7022,
-                     *               "p90_mm": 2.9726,
-                     *               "p95_mm": 3.1432,
-                     *               "rms_mm": 1.9519,
-                     *               "share_below_1_mm": 0.3779,
-                     *               "share_below_2_mm": 0.5494,
-                     *               "share_below_3_mm": 0.9072,
-                     *               "variance_mm2": 1.2867
+                     *               "count": 811,
+                     *               "l2_norm_mm": 54.7462,
+                     *               "max_mm": 3.3863,
+                     *               "mean_abs_mm": 1.6249,
+                     *               "mean_mm": 1.6249,
+                     *               "p50_mm": 1.7704,
+                     *               "p90_mm": 2.9823,
+                     *               "p95_mm": 3.1572,
+                     *               "rms_mm": 1.9797,
+                     *               "share_below_1_mm": 0.3625,
+                     *               "share_below_2_mm": 0.5385,
+                     *               "share_below_3_mm": 0.9027,
+                     *               "variance_mm2": 1.2789
                      *             },
                      *             "nose": {
-                     *               "count": 1991,
-                     *               "l2_norm_mm": 40.9771,
+                     *               "count": 1897,
+                     *               "l2_norm_mm": 40.6153,
                      *               "max_mm": 3.4748,
-                     *               "mean_abs_mm": 0.4756,
-                     *               "mean_mm": 0.4754,
-                     *               "p50_mm": 0.0007,
-                     *               "p90_mm": 1.8076,
-                     *               "p95_mm": 2.0989,
-                     *               "rms_mm": 0.9146,
-                     *               "share_below_1_mm": 0.7739,
-                     *               "share_below_2_mm": 0.9378,
-                     *               "share_below_3_mm": 0.9892,
-                     *               "variance_mm2": 0.6105
+                     *               "mean_abs_mm": 0.4926,
+                     *               "mean_mm": 0.4925,
+                     *               "p50_mm": 0.0008,
+                     *               "p90_mm": 1.8415,
+                     *               "p95_mm": 2.1049,
+                     *               "rms_mm": 0.9318,
+                     *               "share_below_1_mm": 0.7634,
+                     *               "share_below_2_mm": 0.9353,
+                     *               "share_below_3_mm": 0.9886,
+                     *               "variance_mm2": 0.6256
                      *             },
                      *             "paranasal_left": {
-                     *               "count": 272,
-                     *               "l2_norm_mm": 44.6104,
-                     *               "max_mm": 3.1075,
-                     *               "mean_abs_mm": 2.6494,
-                     *               "mean_mm": 2.6494,
-                     *               "p50_mm": 2.8229,
-                     *               "p90_mm": 3.0148,
+                     *               "count": 247,
+                     *               "l2_norm_mm": 42.5974,
+                     *               "max_mm": 3.1055,
+                     *               "mean_abs_mm": 2.6573,
+                     *               "mean_mm": 2.6573,
+                     *               "p50_mm": 2.8305,
+                     *               "p90_mm": 3.015,
                      *               "p95_mm": 3.049,
-                     *               "rms_mm": 2.6951,
-                     *               "share_below_1_mm": 0.0186,
-                     *               "share_below_2_mm": 0.105,
-                     *               "share_below_3_mm": 0.889,
-                     *               "variance_mm2": 0.2442
+                     *               "rms_mm": 2.7012,
+                     *               "share_below_1_mm": 0.0191,
+                     *               "share_below_2_mm": 0.1007,
+                     *               "share_below_3_mm": 0.8741,
+                     *               "variance_mm2": 0.2351
                      *             },
                      *             "paranasal_right": {
-                     *               "count": 257,
-                     *               "l2_norm_mm": 42.5295,
-                     *               "max_mm": 3.1065,
-                     *               "mean_abs_mm": 2.5815,
-                     *               "mean_mm": 2.5815,
-                     *               "p50_mm": 2.7886,
-                     *               "p90_mm": 2.9949,
-                     *               "p95_mm": 3.0208,
-                     *               "rms_mm": 2.633,
-                     *               "share_below_1_mm": 0.0211,
-                     *               "share_below_2_mm": 0.1508,
-                     *               "share_below_3_mm": 0.9163,
-                     *               "variance_mm2": 0.2687
+                     *               "count": 256,
+                     *               "l2_norm_mm": 42.8447,
+                     *               "max_mm": 3.1215,
+                     *               "mean_abs_mm": 2.6135,
+                     *               "mean_mm": 2.6135,
+                     *               "p50_mm": 2.8087,
+                     *               "p90_mm": 3.0016,
+                     *               "p95_mm": 3.0488,
+                     *               "rms_mm": 2.6583,
+                     *               "share_below_1_mm": 0.0104,
+                     *               "share_below_2_mm": 0.1201,
+                     *               "share_below_3_mm": 0.8969,
+                     *               "variance_mm2": 0.2365
                      *             },
                      *             "submental": {
-                     *               "count": 1297,
+                     *               "count": 973,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -5898,41 +5883,41 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "upper_lip": {
-                     *               "count": 493,
-                     *               "l2_norm_mm": 71.462,
+                     *               "count": 475,
+                     *               "l2_norm_mm": 70.2742,
                      *               "max_mm": 3.4977,
-                     *               "mean_abs_mm": 3.2271,
-                     *               "mean_mm": 3.2271,
-                     *               "p50_mm": 3.2137,
-                     *               "p90_mm": 3.4397,
+                     *               "mean_abs_mm": 3.2349,
+                     *               "mean_mm": 3.2349,
+                     *               "p50_mm": 3.224,
+                     *               "p90_mm": 3.4404,
                      *               "p95_mm": 3.4719,
-                     *               "rms_mm": 3.2306,
+                     *               "rms_mm": 3.2382,
                      *               "share_below_1_mm": 0,
                      *               "share_below_2_mm": 0,
-                     *               "share_below_3_mm": 0.0634,
-                     *               "variance_mm2": 0.0223
+                     *               "share_below_3_mm": 0.0507,
+                     *               "variance_mm2": 0.0214
                      *             }
                      *           },
                      *           "whole": {
                      *             "count": 81640,
-                     *             "l2_norm_mm": 142.4817,
+                     *             "l2_norm_mm": 142.7612,
                      *             "max_mm": 3.4977,
-                     *             "mean_abs_mm": 0.1057,
-                     *             "mean_mm": 0.1057,
+                     *             "mean_abs_mm": 0.1066,
+                     *             "mean_mm": 0.1066,
                      *             "p50_mm": 0,
                      *             "p90_mm": 0,
-                     *             "p95_mm": 0.3853,
-                     *             "rms_mm": 0.5061,
-                     *             "share_below_1_mm": 0.9596,
-                     *             "share_below_2_mm": 0.972,
+                     *             "p95_mm": 0.4028,
+                     *             "rms_mm": 0.508,
+                     *             "share_below_1_mm": 0.9593,
+                     *             "share_below_2_mm": 0.9717,
                      *             "share_below_3_mm": 0.9916,
-                     *             "variance_mm2": 0.245
+                     *             "variance_mm2": 0.2467
                      *           }
                      *         },
                      *         "no_prediction": {
                      *           "regions": {
                      *             "cheek_left": {
-                     *               "count": 2888,
+                     *               "count": 2757,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -5947,7 +5932,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "cheek_right": {
-                     *               "count": 2892,
+                     *               "count": 2777,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -5962,7 +5947,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "chin": {
-                     *               "count": 1530,
+                     *               "count": 1439,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -5977,7 +5962,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "forehead": {
-                     *               "count": 6259,
+                     *               "count": 5945,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -5992,7 +5977,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "lower_lip": {
-                     *               "count": 843,
+                     *               "count": 811,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -6007,7 +5992,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "nose": {
-                     *               "count": 1991,
+                     *               "count": 1897,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -6022,7 +6007,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "paranasal_left": {
-                     *               "count": 272,
+                     *               "count": 247,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -6037,7 +6022,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "paranasal_right": {
-                     *               "count": 257,
+                     *               "count": 256,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -6052,7 +6037,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "submental": {
-                     *               "count": 1297,
+                     *               "count": 973,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -6067,7 +6052,7 @@ export interface operations {
                      *               "variance_mm2": 0
                      *             },
                      *             "upper_lip": {
-                     *               "count": 493,
+                     *               "count": 475,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -6101,18 +6086,18 @@ export interface operations {
                      *       },
                      *       "correspondence": {
                      *         "count": 81640,
-                     *         "l2_norm_mm": 155.5858,
-                     *         "max_mm": 4.2059,
-                     *         "mean_abs_mm": 0.144,
-                     *         "mean_mm": 0.144,
+                     *         "l2_norm_mm": 163.6626,
+                     *         "max_mm": 4.1986,
+                     *         "mean_abs_mm": 0.156,
+                     *         "mean_mm": 0.156,
                      *         "p50_mm": 0,
-                     *         "p90_mm": 0.2331,
-                     *         "p95_mm": 0.8403,
-                     *         "rms_mm": 0.5536,
-                     *         "share_below_1_mm": 0.9539,
-                     *         "share_below_2_mm": 0.972,
-                     *         "share_below_3_mm": 0.9886,
-                     *         "variance_mm2": 0.2857
+                     *         "p90_mm": 0.2706,
+                     *         "p95_mm": 0.9645,
+                     *         "rms_mm": 0.5819,
+                     *         "share_below_1_mm": 0.951,
+                     *         "share_below_2_mm": 0.9692,
+                     *         "share_below_3_mm": 0.9866,
+                     *         "variance_mm2": 0.3143
                      *       },
                      *       "excluded": 0,
                      *       "histogram": [
@@ -6129,188 +6114,188 @@ export interface operations {
                      *       "reference": "target of session 0197a2c0-0000-7000-8000-000000000001",
                      *       "regions": {
                      *         "cheek_left": {
-                     *           "count": 2888,
-                     *           "l2_norm_mm": 21.2293,
-                     *           "max_mm": 1.8264,
-                     *           "mean_abs_mm": 0.2137,
-                     *           "mean_mm": 0.1113,
-                     *           "p50_mm": 0.101,
-                     *           "p90_mm": 0.6425,
-                     *           "p95_mm": 0.9856,
-                     *           "rms_mm": 0.3901,
-                     *           "share_below_1_mm": 0.9515,
-                     *           "share_below_2_mm": 1,
+                     *           "count": 2757,
+                     *           "l2_norm_mm": 25.8031,
+                     *           "max_mm": 2.1034,
+                     *           "mean_abs_mm": 0.272,
+                     *           "mean_mm": 0.1566,
+                     *           "p50_mm": 0.1378,
+                     *           "p90_mm": 0.8199,
+                     *           "p95_mm": 1.2618,
+                     *           "rms_mm": 0.4857,
+                     *           "share_below_1_mm": 0.9236,
+                     *           "share_below_2_mm": 0.9959,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1398
+                     *           "variance_mm2": 0.2114
                      *         },
                      *         "cheek_right": {
-                     *           "count": 2892,
-                     *           "l2_norm_mm": 21.5743,
-                     *           "max_mm": 1.8719,
-                     *           "mean_abs_mm": 0.2156,
-                     *           "mean_mm": 0.1162,
-                     *           "p50_mm": 0.1022,
-                     *           "p90_mm": 0.6419,
-                     *           "p95_mm": 1.0414,
-                     *           "rms_mm": 0.3969,
-                     *           "share_below_1_mm": 0.9464,
-                     *           "share_below_2_mm": 1,
+                     *           "count": 2777,
+                     *           "l2_norm_mm": 25.1073,
+                     *           "max_mm": 2.0792,
+                     *           "mean_abs_mm": 0.2653,
+                     *           "mean_mm": 0.1505,
+                     *           "p50_mm": 0.1367,
+                     *           "p90_mm": 0.8009,
+                     *           "p95_mm": 1.2182,
+                     *           "rms_mm": 0.4704,
+                     *           "share_below_1_mm": 0.9272,
+                     *           "share_below_2_mm": 0.9973,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1441
+                     *           "variance_mm2": 0.1986
                      *         },
                      *         "chin": {
-                     *           "count": 1530,
-                     *           "l2_norm_mm": 1.9616,
-                     *           "max_mm": 0.3662,
-                     *           "mean_abs_mm": 0.0227,
-                     *           "mean_mm": 0.0125,
-                     *           "p50_mm": 0.0096,
-                     *           "p90_mm": 0.0431,
-                     *           "p95_mm": 0.1176,
-                     *           "rms_mm": 0.0479,
+                     *           "count": 1439,
+                     *           "l2_norm_mm": 3.6661,
+                     *           "max_mm": 0.6949,
+                     *           "mean_abs_mm": 0.0402,
+                     *           "mean_mm": 0.0333,
+                     *           "p50_mm": 0.0129,
+                     *           "p90_mm": 0.0862,
+                     *           "p95_mm": 0.24,
+                     *           "rms_mm": 0.0962,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0021
+                     *           "variance_mm2": 0.0081
                      *         },
                      *         "forehead": {
-                     *           "count": 6259,
-                     *           "l2_norm_mm": 0.0028,
-                     *           "max_mm": 0.0009,
+                     *           "count": 5945,
+                     *           "l2_norm_mm": 0.0075,
+                     *           "max_mm": 0.0017,
                      *           "mean_abs_mm": 0,
                      *           "mean_mm": 0,
                      *           "p50_mm": 0,
                      *           "p90_mm": 0,
                      *           "p95_mm": 0,
-                     *           "rms_mm": 0,
+                     *           "rms_mm": 0.0001,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "lower_lip": {
-                     *           "count": 843,
-                     *           "l2_norm_mm": 49.9994,
-                     *           "max_mm": 3.5041,
-                     *           "mean_abs_mm": 1.532,
-                     *           "mean_mm": 1.532,
-                     *           "p50_mm": 1.3396,
-                     *           "p90_mm": 2.9323,
-                     *           "p95_mm": 3.2123,
-                     *           "rms_mm": 1.7694,
-                     *           "share_below_1_mm": 0.3193,
-                     *           "share_below_2_mm": 0.7094,
-                     *           "share_below_3_mm": 0.9153,
-                     *           "variance_mm2": 0.7835
+                     *           "count": 811,
+                     *           "l2_norm_mm": 57.6064,
+                     *           "max_mm": 3.711,
+                     *           "mean_abs_mm": 1.871,
+                     *           "mean_mm": 1.871,
+                     *           "p50_mm": 1.8001,
+                     *           "p90_mm": 3.3062,
+                     *           "p95_mm": 3.4588,
+                     *           "rms_mm": 2.077,
+                     *           "share_below_1_mm": 0.1943,
+                     *           "share_below_2_mm": 0.6039,
+                     *           "share_below_3_mm": 0.8442,
+                     *           "variance_mm2": 0.8132
                      *         },
                      *         "nose": {
-                     *           "count": 1991,
-                     *           "l2_norm_mm": 36.4943,
-                     *           "max_mm": 3.6711,
-                     *           "mean_abs_mm": 0.5534,
-                     *           "mean_mm": 0.512,
-                     *           "p50_mm": 0.3608,
-                     *           "p90_mm": 1.3374,
-                     *           "p95_mm": 1.5702,
-                     *           "rms_mm": 0.8157,
-                     *           "share_below_1_mm": 0.7717,
-                     *           "share_below_2_mm": 0.9782,
-                     *           "share_below_3_mm": 0.9922,
-                     *           "variance_mm2": 0.4032
+                     *           "count": 1897,
+                     *           "l2_norm_mm": 37.7275,
+                     *           "max_mm": 3.7399,
+                     *           "mean_abs_mm": 0.6037,
+                     *           "mean_mm": 0.5627,
+                     *           "p50_mm": 0.4065,
+                     *           "p90_mm": 1.4102,
+                     *           "p95_mm": 1.6706,
+                     *           "rms_mm": 0.8648,
+                     *           "share_below_1_mm": 0.7398,
+                     *           "share_below_2_mm": 0.9746,
+                     *           "share_below_3_mm": 0.9926,
+                     *           "variance_mm2": 0.4312
                      *         },
                      *         "paranasal_left": {
-                     *           "count": 272,
-                     *           "l2_norm_mm": 41.9564,
-                     *           "max_mm": 3.3254,
-                     *           "mean_abs_mm": 2.4881,
-                     *           "mean_mm": 2.4881,
-                     *           "p50_mm": 2.5398,
-                     *           "p90_mm": 3.0931,
-                     *           "p95_mm": 3.2211,
-                     *           "rms_mm": 2.5349,
+                     *           "count": 247,
+                     *           "l2_norm_mm": 41.412,
+                     *           "max_mm": 3.4271,
+                     *           "mean_abs_mm": 2.5826,
+                     *           "mean_mm": 2.5826,
+                     *           "p50_mm": 2.6137,
+                     *           "p90_mm": 3.1229,
+                     *           "p95_mm": 3.2643,
+                     *           "rms_mm": 2.6195,
                      *           "share_below_1_mm": 0,
-                     *           "share_below_2_mm": 0.178,
-                     *           "share_below_3_mm": 0.8377,
-                     *           "variance_mm2": 0.235
+                     *           "share_below_2_mm": 0.0922,
+                     *           "share_below_3_mm": 0.8253,
+                     *           "variance_mm2": 0.1922
                      *         },
                      *         "paranasal_right": {
-                     *           "count": 257,
-                     *           "l2_norm_mm": 40.6212,
-                     *           "max_mm": 3.3632,
-                     *           "mean_abs_mm": 2.4655,
-                     *           "mean_mm": 2.4655,
-                     *           "p50_mm": 2.4743,
-                     *           "p90_mm": 3.1138,
-                     *           "p95_mm": 3.2187,
-                     *           "rms_mm": 2.5138,
+                     *           "count": 256,
+                     *           "l2_norm_mm": 42.1316,
+                     *           "max_mm": 3.4005,
+                     *           "mean_abs_mm": 2.577,
+                     *           "mean_mm": 2.577,
+                     *           "p50_mm": 2.6079,
+                     *           "p90_mm": 3.1486,
+                     *           "p95_mm": 3.252,
+                     *           "rms_mm": 2.6145,
                      *           "share_below_1_mm": 0,
-                     *           "share_below_2_mm": 0.1847,
-                     *           "share_below_3_mm": 0.8333,
-                     *           "variance_mm2": 0.2407
+                     *           "share_below_2_mm": 0.0953,
+                     *           "share_below_3_mm": 0.8266,
+                     *           "variance_mm2": 0.1948
                      *         },
                      *         "submental": {
-                     *           "count": 1297,
-                     *           "l2_norm_mm": 0.0927,
-                     *           "max_mm": 0.0102,
-                     *           "mean_abs_mm": 0.0015,
-                     *           "mean_mm": 0.0011,
-                     *           "p50_mm": 0.0008,
-                     *           "p90_mm": 0.0041,
-                     *           "p95_mm": 0.0065,
-                     *           "rms_mm": 0.0025,
+                     *           "count": 973,
+                     *           "l2_norm_mm": 0.1587,
+                     *           "max_mm": 0.019,
+                     *           "mean_abs_mm": 0.0031,
+                     *           "mean_mm": 0.0028,
+                     *           "p50_mm": 0.0016,
+                     *           "p90_mm": 0.0081,
+                     *           "p95_mm": 0.012,
+                     *           "rms_mm": 0.0049,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "upper_lip": {
-                     *           "count": 493,
-                     *           "l2_norm_mm": 77.2796,
-                     *           "max_mm": 4.0518,
-                     *           "mean_abs_mm": 3.4924,
-                     *           "mean_mm": 3.4924,
-                     *           "p50_mm": 3.5216,
-                     *           "p90_mm": 3.8503,
-                     *           "p95_mm": 3.9539,
-                     *           "rms_mm": 3.5046,
+                     *           "count": 475,
+                     *           "l2_norm_mm": 76.1552,
+                     *           "max_mm": 3.9766,
+                     *           "mean_abs_mm": 3.511,
+                     *           "mean_mm": 3.511,
+                     *           "p50_mm": 3.5122,
+                     *           "p90_mm": 3.8332,
+                     *           "p95_mm": 3.8685,
+                     *           "rms_mm": 3.5195,
                      *           "share_below_1_mm": 0,
                      *           "share_below_2_mm": 0,
-                     *           "share_below_3_mm": 0.0734,
-                     *           "variance_mm2": 0.0852
+                     *           "share_below_3_mm": 0.0202,
+                     *           "variance_mm2": 0.0598
                      *         }
                      *       },
                      *       "registration": null,
-                     *       "roughness_mm": 0.0611,
+                     *       "roughness_mm": 0.0613,
                      *       "smoothed": {
                      *         "count": 81640,
-                     *         "l2_norm_mm": 122.4958,
-                     *         "max_mm": 3.6422,
-                     *         "mean_abs_mm": 0.1031,
-                     *         "mean_mm": 0.0913,
+                     *         "l2_norm_mm": 129.0672,
+                     *         "max_mm": 3.592,
+                     *         "mean_abs_mm": 0.112,
+                     *         "mean_mm": 0.0989,
                      *         "p50_mm": 0,
-                     *         "p90_mm": 0.102,
-                     *         "p95_mm": 0.6379,
-                     *         "rms_mm": 0.439,
-                     *         "share_below_1_mm": 0.9635,
-                     *         "share_below_2_mm": 0.9824,
-                     *         "share_below_3_mm": 0.9939,
-                     *         "variance_mm2": 0.1844
+                     *         "p90_mm": 0.1213,
+                     *         "p95_mm": 0.7303,
+                     *         "rms_mm": 0.462,
+                     *         "share_below_1_mm": 0.9599,
+                     *         "share_below_2_mm": 0.9803,
+                     *         "share_below_3_mm": 0.9929,
+                     *         "variance_mm2": 0.2037
                      *       },
                      *       "warnings": [],
                      *       "whole": {
                      *         "count": 81640,
-                     *         "l2_norm_mm": 128.469,
-                     *         "max_mm": 4.0518,
-                     *         "mean_abs_mm": 0.1051,
-                     *         "mean_mm": 0.0916,
+                     *         "l2_norm_mm": 134.7512,
+                     *         "max_mm": 3.9766,
+                     *         "mean_abs_mm": 0.1141,
+                     *         "mean_mm": 0.0992,
                      *         "p50_mm": 0,
-                     *         "p90_mm": 0.0946,
-                     *         "p95_mm": 0.5651,
-                     *         "rms_mm": 0.4622,
-                     *         "share_below_1_mm": 0.963,
-                     *         "share_below_2_mm": 0.9818,
-                     *         "share_below_3_mm": 0.9914,
-                     *         "variance_mm2": 0.2052
+                     *         "p90_mm": 0.115,
+                     *         "p95_mm": 0.6643,
+                     *         "rms_mm": 0.484,
+                     *         "share_below_1_mm": 0.9597,
+                     *         "share_below_2_mm": 0.9795,
+                     *         "share_below_3_mm": 0.9907,
+                     *         "variance_mm2": 0.2244
                      *       }
                      *     }
                      */
@@ -6370,10 +6355,10 @@ export interface operations {
                     /**
                      * @example {
                      *       "data": {
-                     *         "active_contacts": 2,
+                     *         "active_contacts": 4,
                      *         "converged": true,
-                     *         "factorisations": 1,
-                     *         "free_penetration_mm": 0.8649,
+                     *         "factorisations": 2,
+                     *         "free_penetration_mm": 0.8156,
                      *         "gliding_gap_mm": 0.0036,
                      *         "k": 1,
                      *         "links": {
@@ -6381,64 +6366,63 @@ export interface operations {
                      *           "frame": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/1/frame",
                      *           "skin": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/steps/1/skin"
                      *         },
-                     *         "max_displacement_mm": 2.1077,
-                     *         "max_penetration_mm": 0.0002,
-                     *         "min_det_f": 0.903,
+                     *         "max_displacement_mm": 2.1037,
+                     *         "max_penetration_mm": 0.0005,
+                     *         "min_det_f": 0.7357,
                      *         "newton_iterations": 2,
                      *         "notes": [
                      *           {
+                     *             "action": "Use the locking option `patched`.",
+                     *             "code": "stiff-elements",
+                     *             "message": "the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *             "severity": "info"
+                     *           },
+                     *           {
                      *             "code": "overlap-at-rest",
-                     *             "message": "1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *             "message": "3 of 260 contact points lie 0.1 to 0.25 mm inside bone at rest; their gap is measured from that position",
                      *             "severity": "info"
                      *           }
                      *         ],
                      *         "outcome": "converged",
                      *         "phases": {
-                     *           "contact_s": 0.014,
-                     *           "factor_s": 0.2274,
-                     *           "line_search_s": 0.0188,
-                     *           "residual_s": 0.0338,
-                     *           "setup_s": 0.3033,
-                     *           "solve_s": 0.2129,
-                     *           "tangent_s": 0.125
+                     *           "contact_s": 0.013,
+                     *           "factor_s": 0.1491,
+                     *           "line_search_s": 0.0093,
+                     *           "residual_s": 0.018,
+                     *           "setup_s": 0.1707,
+                     *           "solve_s": 0.1087,
+                     *           "tangent_s": 0.0522
                      *         },
                      *         "pulled_off_nodes": 0,
                      *         "reactions": [
                      *           {
                      *             "force_n": [
-                     *               -0.019,
-                     *               7.8843,
-                     *               -0.0467
+                     *               -0.0227,
+                     *               7.9836,
+                     *               0.1508
                      *             ],
                      *             "segment": 0
                      *           },
                      *           {
                      *             "force_n": [
-                     *               0.0026,
-                     *               -10.8495,
-                     *               0.0307
+                     *               0.0176,
+                     *               -11.3458,
+                     *               -0.1723
                      *             ],
                      *             "segment": 1
                      *           }
                      *         ],
-                     *         "relative_residual": 0.001,
-                     *         "remaining_mm": 0.0038,
+                     *         "relative_residual": 0.0009,
+                     *         "remaining_mm": 0.0048,
                      *         "steps": 2,
                      *         "substeps": 1,
                      *         "t": 0.5,
-                     *         "unknowns": 18324,
-                     *         "wall_s": 2.0599,
-                     *         "warnings": [
-                     *           {
-                     *             "action": "Use the locking option `patched`.",
-                     *             "code": "stiff-elements",
-                     *             "message": "the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
-                     *             "severity": "check"
-                     *           }
-                     *         ]
+                     *         "unknowns": 17226,
+                     *         "wall_s": 1.5149,
+                     *         "warnings": []
                      *       },
                      *       "event": "step",
-                     *       "id": 10
+                     *       "id": 9
                      *     }
                      */
                     "application/x-ndjson": components["schemas"]["JobEventLine"];
@@ -6589,17 +6573,17 @@ export interface operations {
                     /**
                      * @example {
                      *       "attached": {
-                     *         "fixed_nodes": 889,
-                     *         "free_nodes_at_bone": 142,
+                     *         "fixed_nodes": 721,
+                     *         "free_nodes_at_bone": 151,
                      *         "gliding_nodes": {
-                     *           "0": 187,
-                     *           "1": 93
+                     *           "0": 139,
+                     *           "1": 109
                      *         },
                      *         "painted_nodes": 0,
-                     *         "sliding_nodes": 88,
+                     *         "sliding_nodes": 118,
                      *         "tied_nodes": {
-                     *           "0": 829,
-                     *           "1": 7
+                     *           "0": 732,
+                     *           "1": 13
                      *         }
                      *       },
                      *       "attempt": 1,
@@ -6623,15 +6607,15 @@ export interface operations {
                      *             "left_mm": 0,
                      *             "name": "a_point",
                      *             "position_mm": [
-                     *               -0.1,
-                     *               -84.3563,
-                     *               14.882
+                     *               -0.0994,
+                     *               -84.5108,
+                     *               15.5554
                      *             ],
                      *             "proposed": true
                      *           }
                      *         ],
                      *         "labiomental_deg": {
-                     *           "after": 137.2653,
+                     *           "after": 136.118,
                      *           "before": 143.9206
                      *         },
                      *         "lip_gap_mm": {
@@ -6639,32 +6623,32 @@ export interface operations {
                      *           "before": 0
                      *         },
                      *         "midline_proposed": false,
-                     *         "midline_x_mm": 0,
+                     *         "midline_x_mm": -0.0002,
                      *         "mouth_sealed": true,
                      *         "nasolabial_deg": {
-                     *           "after": 97.8125,
+                     *           "after": 97.9849,
                      *           "before": 92.9011
                      *         },
                      *         "profile": [
                      *           {
                      *             "after_yz_mm": [
                      *               [
-                     *                 -89.259,
-                     *                 109.513
+                     *                 -8.066,
+                     *                 107.288
                      *               ],
                      *               [
-                     *                 -89.499,
-                     *                 109.015
+                     *                 -8.498,
+                     *                 106.281
                      *               ]
                      *             ],
                      *             "before_yz_mm": [
                      *               [
-                     *                 -89.259,
-                     *                 109.513
+                     *                 -8.066,
+                     *                 107.288
                      *               ],
                      *               [
-                     *                 -89.499,
-                     *                 109.015
+                     *                 -8.498,
+                     *                 106.281
                      *               ]
                      *             ]
                      *           }
@@ -6672,20 +6656,20 @@ export interface operations {
                      *         "ratios": [
                      *           {
                      *             "hard": "a_point",
-                     *             "ratio": 0.2786,
+                     *             "ratio": 0.2996,
                      *             "soft": "pronasale"
                      *           },
                      *           {
                      *             "hard": "a_point",
-                     *             "ratio": 0.626,
+                     *             "ratio": 0.6432,
                      *             "soft": "subnasale"
                      *           }
                      *         ],
                      *         "soft_points": [
                      *           {
-                     *             "down_mm": -1.9072,
-                     *             "forward_mm": 1.3928,
-                     *             "left_mm": 0.0072,
+                     *             "down_mm": -1.9658,
+                     *             "forward_mm": 1.4981,
+                     *             "left_mm": 0.0146,
                      *             "name": "pronasale",
                      *             "position_mm": [
                      *               -0.0008,
@@ -6695,12 +6679,12 @@ export interface operations {
                      *             "proposed": false
                      *           },
                      *           {
-                     *             "down_mm": -1.6795,
-                     *             "forward_mm": 2.1028,
-                     *             "left_mm": 0.029,
+                     *             "down_mm": -1.7638,
+                     *             "forward_mm": 2.2295,
+                     *             "left_mm": 0.0005,
                      *             "name": "columella",
                      *             "position_mm": [
-                     *               0,
+                     *               -0.0001,
                      *               -107.7824,
                      *               32.4911
                      *             ],
@@ -6710,70 +6694,70 @@ export interface operations {
                      *       },
                      *       "error": {
                      *         "backward": {
-                     *           "count": 18001,
-                     *           "l2_norm_mm": 119.2697,
-                     *           "max_mm": 4.0486,
-                     *           "mean_abs_mm": 0.3696,
-                     *           "mean_mm": 0.3306,
-                     *           "p50_mm": 0.008,
-                     *           "p90_mm": 1.2758,
-                     *           "p95_mm": 2.6366,
-                     *           "rms_mm": 0.8972,
-                     *           "share_below_1_mm": 0.875,
-                     *           "share_below_2_mm": 0.9291,
-                     *           "share_below_3_mm": 0.9647,
-                     *           "variance_mm2": 0.6956
+                     *           "count": 16811,
+                     *           "l2_norm_mm": 123.2645,
+                     *           "max_mm": 3.9773,
+                     *           "mean_abs_mm": 0.4184,
+                     *           "mean_mm": 0.3744,
+                     *           "p50_mm": 0.0141,
+                     *           "p90_mm": 1.5647,
+                     *           "p95_mm": 2.8196,
+                     *           "rms_mm": 0.9614,
+                     *           "share_below_1_mm": 0.8568,
+                     *           "share_below_2_mm": 0.9193,
+                     *           "share_below_3_mm": 0.9567,
+                     *           "variance_mm2": 0.7841
                      *         },
                      *         "backward_regions": {
                      *           "cheek_left": {
-                     *             "count": 2759,
-                     *             "l2_norm_mm": 20.4803,
-                     *             "max_mm": 1.7892,
-                     *             "mean_abs_mm": 0.2092,
-                     *             "mean_mm": 0.1049,
-                     *             "p50_mm": 0.1004,
-                     *             "p90_mm": 0.6297,
-                     *             "p95_mm": 0.9736,
-                     *             "rms_mm": 0.3815,
-                     *             "share_below_1_mm": 0.9523,
-                     *             "share_below_2_mm": 1,
+                     *             "count": 2616,
+                     *             "l2_norm_mm": 23.4865,
+                     *             "max_mm": 2.0045,
+                     *             "mean_abs_mm": 0.2551,
+                     *             "mean_mm": 0.1368,
+                     *             "p50_mm": 0.1365,
+                     *             "p90_mm": 0.7575,
+                     *             "p95_mm": 1.1637,
+                     *             "rms_mm": 0.448,
+                     *             "share_below_1_mm": 0.9329,
+                     *             "share_below_2_mm": 0.9997,
                      *             "share_below_3_mm": 1,
-                     *             "variance_mm2": 0.1345
+                     *             "variance_mm2": 0.182
                      *           },
                      *           "cheek_right": {
-                     *             "count": 2729,
-                     *             "l2_norm_mm": 19.4521,
-                     *             "max_mm": 1.6795,
-                     *             "mean_abs_mm": 0.1998,
-                     *             "mean_mm": 0.0974,
-                     *             "p50_mm": 0.0997,
-                     *             "p90_mm": 0.5853,
-                     *             "p95_mm": 0.9329,
-                     *             "rms_mm": 0.3624,
-                     *             "share_below_1_mm": 0.9564,
-                     *             "share_below_2_mm": 1,
+                     *             "count": 2641,
+                     *             "l2_norm_mm": 24.0082,
+                     *             "max_mm": 2.0128,
+                     *             "mean_abs_mm": 0.2588,
+                     *             "mean_mm": 0.1425,
+                     *             "p50_mm": 0.1373,
+                     *             "p90_mm": 0.7727,
+                     *             "p95_mm": 1.1867,
+                     *             "rms_mm": 0.4562,
+                     *             "share_below_1_mm": 0.9314,
+                     *             "share_below_2_mm": 0.9994,
                      *             "share_below_3_mm": 1,
-                     *             "variance_mm2": 0.1219
+                     *             "variance_mm2": 0.1878
                      *           },
                      *           "chin": {
-                     *             "count": 1474,
-                     *             "l2_norm_mm": 1.9655,
-                     *             "max_mm": 0.2876,
-                     *             "mean_abs_mm": 0.0229,
-                     *             "mean_mm": 0.0128,
-                     *             "p50_mm": 0.0087,
-                     *             "p90_mm": 0.0476,
-                     *             "p95_mm": 0.1274,
-                     *             "rms_mm": 0.049,
+                     *             "count": 1368,
+                     *             "l2_norm_mm": 3.2669,
+                     *             "max_mm": 0.4893,
+                     *             "mean_abs_mm": 0.0384,
+                     *             "mean_mm": 0.0309,
+                     *             "p50_mm": 0.0123,
+                     *             "p90_mm": 0.0974,
+                     *             "p95_mm": 0.223,
+                     *             "rms_mm": 0.0866,
                      *             "share_below_1_mm": 1,
                      *             "share_below_2_mm": 1,
                      *             "share_below_3_mm": 1,
-                     *             "variance_mm2": 0.0022
+                     *             "variance_mm2": 0.0065
                      *           },
                      *           "forehead": {
-                     *             "count": 5994,
-                     *             "l2_norm_mm": 0.0019,
-                     *             "max_mm": 0.0005,
+                     *             "count": 5708,
+                     *             "l2_norm_mm": 0.0043,
+                     *             "max_mm": 0.0012,
                      *             "mean_abs_mm": 0,
                      *             "mean_mm": 0,
                      *             "p50_mm": 0,
@@ -6786,146 +6770,146 @@ export interface operations {
                      *             "variance_mm2": 0
                      *           },
                      *           "lower_lip": {
-                     *             "count": 758,
-                     *             "l2_norm_mm": 45.2614,
-                     *             "max_mm": 3.329,
-                     *             "mean_abs_mm": 1.4437,
-                     *             "mean_mm": 1.4437,
-                     *             "p50_mm": 1.2454,
-                     *             "p90_mm": 2.7037,
-                     *             "p95_mm": 2.909,
-                     *             "rms_mm": 1.6581,
-                     *             "share_below_1_mm": 0.3551,
-                     *             "share_below_2_mm": 0.7237,
-                     *             "share_below_3_mm": 0.97,
-                     *             "variance_mm2": 0.6648
+                     *             "count": 722,
+                     *             "l2_norm_mm": 54.6128,
+                     *             "max_mm": 3.6771,
+                     *             "mean_abs_mm": 1.8455,
+                     *             "mean_mm": 1.8455,
+                     *             "p50_mm": 1.7326,
+                     *             "p90_mm": 3.2225,
+                     *             "p95_mm": 3.4038,
+                     *             "rms_mm": 2.0534,
+                     *             "share_below_1_mm": 0.213,
+                     *             "share_below_2_mm": 0.5903,
+                     *             "share_below_3_mm": 0.8481,
+                     *             "variance_mm2": 0.8108
                      *           },
                      *           "nose": {
-                     *             "count": 1944,
-                     *             "l2_norm_mm": 40.9461,
-                     *             "max_mm": 3.6737,
-                     *             "mean_abs_mm": 0.5878,
-                     *             "mean_mm": 0.5436,
-                     *             "p50_mm": 0.3496,
-                     *             "p90_mm": 1.3485,
-                     *             "p95_mm": 2.0005,
-                     *             "rms_mm": 0.9248,
-                     *             "share_below_1_mm": 0.7862,
-                     *             "share_below_2_mm": 0.9498,
-                     *             "share_below_3_mm": 0.9748,
-                     *             "variance_mm2": 0.5597
+                     *             "count": 1825,
+                     *             "l2_norm_mm": 42.0402,
+                     *             "max_mm": 3.7374,
+                     *             "mean_abs_mm": 0.6356,
+                     *             "mean_mm": 0.5923,
+                     *             "p50_mm": 0.3943,
+                     *             "p90_mm": 1.4331,
+                     *             "p95_mm": 2.1351,
+                     *             "rms_mm": 0.9765,
+                     *             "share_below_1_mm": 0.7544,
+                     *             "share_below_2_mm": 0.9473,
+                     *             "share_below_3_mm": 0.9703,
+                     *             "variance_mm2": 0.6027
                      *           },
                      *           "paranasal_left": {
-                     *             "count": 259,
-                     *             "l2_norm_mm": 39.8542,
-                     *             "max_mm": 3.244,
-                     *             "mean_abs_mm": 2.4123,
-                     *             "mean_mm": 2.4123,
-                     *             "p50_mm": 2.4618,
-                     *             "p90_mm": 2.9973,
-                     *             "p95_mm": 3.1003,
-                     *             "rms_mm": 2.4581,
+                     *             "count": 258,
+                     *             "l2_norm_mm": 41.3439,
+                     *             "max_mm": 3.3674,
+                     *             "mean_abs_mm": 2.5161,
+                     *             "mean_mm": 2.5161,
+                     *             "p50_mm": 2.5449,
+                     *             "p90_mm": 3.0913,
+                     *             "p95_mm": 3.1973,
+                     *             "rms_mm": 2.555,
                      *             "share_below_1_mm": 0,
-                     *             "share_below_2_mm": 0.2123,
-                     *             "share_below_3_mm": 0.901,
-                     *             "variance_mm2": 0.223
+                     *             "share_below_2_mm": 0.1215,
+                     *             "share_below_3_mm": 0.8447,
+                     *             "variance_mm2": 0.1974
                      *           },
                      *           "paranasal_right": {
-                     *             "count": 272,
-                     *             "l2_norm_mm": 40.6685,
-                     *             "max_mm": 3.3254,
-                     *             "mean_abs_mm": 2.3928,
-                     *             "mean_mm": 2.3928,
-                     *             "p50_mm": 2.4198,
-                     *             "p90_mm": 3.061,
-                     *             "p95_mm": 3.1582,
-                     *             "rms_mm": 2.4458,
+                     *             "count": 242,
+                     *             "l2_norm_mm": 39.8638,
+                     *             "max_mm": 3.308,
+                     *             "mean_abs_mm": 2.4985,
+                     *             "mean_mm": 2.4985,
+                     *             "p50_mm": 2.5313,
+                     *             "p90_mm": 3.0449,
+                     *             "p95_mm": 3.157,
+                     *             "rms_mm": 2.534,
                      *             "share_below_1_mm": 0,
-                     *             "share_below_2_mm": 0.242,
-                     *             "share_below_3_mm": 0.8689,
-                     *             "variance_mm2": 0.2562
+                     *             "share_below_2_mm": 0.11,
+                     *             "share_below_3_mm": 0.88,
+                     *             "variance_mm2": 0.1785
                      *           },
                      *           "submental": {
-                     *             "count": 1270,
-                     *             "l2_norm_mm": 0.0803,
-                     *             "max_mm": 0.0088,
-                     *             "mean_abs_mm": 0.0013,
-                     *             "mean_mm": 0.0009,
-                     *             "p50_mm": 0.0007,
-                     *             "p90_mm": 0.0037,
-                     *             "p95_mm": 0.0058,
-                     *             "rms_mm": 0.0022,
+                     *             "count": 936,
+                     *             "l2_norm_mm": 0.1388,
+                     *             "max_mm": 0.0168,
+                     *             "mean_abs_mm": 0.0029,
+                     *             "mean_mm": 0.0026,
+                     *             "p50_mm": 0.0015,
+                     *             "p90_mm": 0.007,
+                     *             "p95_mm": 0.011,
+                     *             "rms_mm": 0.0044,
                      *             "share_below_1_mm": 1,
                      *             "share_below_2_mm": 1,
                      *             "share_below_3_mm": 1,
                      *             "variance_mm2": 0
                      *           },
                      *           "upper_lip": {
-                     *             "count": 541,
-                     *             "l2_norm_mm": 80.3461,
-                     *             "max_mm": 4.0486,
-                     *             "mean_abs_mm": 3.4596,
-                     *             "mean_mm": 3.4596,
-                     *             "p50_mm": 3.4887,
-                     *             "p90_mm": 3.8756,
-                     *             "p95_mm": 3.9574,
-                     *             "rms_mm": 3.4746,
+                     *             "count": 494,
+                     *             "l2_norm_mm": 77.4684,
+                     *             "max_mm": 3.9773,
+                     *             "mean_abs_mm": 3.4941,
+                     *             "mean_mm": 3.4941,
+                     *             "p50_mm": 3.4853,
+                     *             "p90_mm": 3.8422,
+                     *             "p95_mm": 3.8838,
+                     *             "rms_mm": 3.504,
                      *             "share_below_1_mm": 0,
                      *             "share_below_2_mm": 0,
-                     *             "share_below_3_mm": 0.1079,
-                     *             "variance_mm2": 0.1044
+                     *             "share_below_3_mm": 0.0467,
+                     *             "variance_mm2": 0.0693
                      *           }
                      *         },
                      *         "baselines": {
                      *           "nearest_bone": {
                      *             "regions": {
                      *               "cheek_left": {
-                     *                 "count": 2884,
-                     *                 "l2_norm_mm": 41.8873,
-                     *                 "max_mm": 2.9573,
-                     *                 "mean_abs_mm": 0.2976,
-                     *                 "mean_mm": 0.2976,
+                     *                 "count": 2743,
+                     *                 "l2_norm_mm": 43.8686,
+                     *                 "max_mm": 2.9699,
+                     *                 "mean_abs_mm": 0.3392,
+                     *                 "mean_mm": 0.3392,
                      *                 "p50_mm": 0,
-                     *                 "p90_mm": 1.3113,
-                     *                 "p95_mm": 2.2596,
-                     *                 "rms_mm": 0.7566,
-                     *                 "share_below_1_mm": 0.8787,
-                     *                 "share_below_2_mm": 0.9378,
+                     *                 "p90_mm": 1.5726,
+                     *                 "p95_mm": 2.4037,
+                     *                 "rms_mm": 0.816,
+                     *                 "share_below_1_mm": 0.8615,
+                     *                 "share_below_2_mm": 0.9271,
                      *                 "share_below_3_mm": 1,
-                     *                 "variance_mm2": 0.4839
+                     *                 "variance_mm2": 0.5508
                      *               },
                      *               "cheek_right": {
-                     *                 "count": 2877,
-                     *                 "l2_norm_mm": 41.7609,
-                     *                 "max_mm": 2.9571,
-                     *                 "mean_abs_mm": 0.299,
-                     *                 "mean_mm": 0.299,
+                     *                 "count": 2765,
+                     *                 "l2_norm_mm": 44.1273,
+                     *                 "max_mm": 2.9635,
+                     *                 "mean_abs_mm": 0.3416,
+                     *                 "mean_mm": 0.3416,
                      *                 "p50_mm": 0,
-                     *                 "p90_mm": 1.3277,
-                     *                 "p95_mm": 2.2407,
-                     *                 "rms_mm": 0.7568,
-                     *                 "share_below_1_mm": 0.8788,
-                     *                 "share_below_2_mm": 0.9373,
+                     *                 "p90_mm": 1.5426,
+                     *                 "p95_mm": 2.4131,
+                     *                 "rms_mm": 0.818,
+                     *                 "share_below_1_mm": 0.864,
+                     *                 "share_below_2_mm": 0.9252,
                      *                 "share_below_3_mm": 1,
-                     *                 "variance_mm2": 0.4833
+                     *                 "variance_mm2": 0.5525
                      *               },
                      *               "chin": {
-                     *                 "count": 1530,
-                     *                 "l2_norm_mm": 0.1414,
-                     *                 "max_mm": 0.0384,
-                     *                 "mean_abs_mm": 0.0008,
-                     *                 "mean_mm": 0.0008,
+                     *                 "count": 1425,
+                     *                 "l2_norm_mm": 0.153,
+                     *                 "max_mm": 0.0381,
+                     *                 "mean_abs_mm": 0.0009,
+                     *                 "mean_mm": 0.0009,
                      *                 "p50_mm": 0,
-                     *                 "p90_mm": 0.0009,
-                     *                 "p95_mm": 0.0046,
-                     *                 "rms_mm": 0.0035,
+                     *                 "p90_mm": 0.0011,
+                     *                 "p95_mm": 0.0052,
+                     *                 "rms_mm": 0.004,
                      *                 "share_below_1_mm": 1,
                      *                 "share_below_2_mm": 1,
                      *                 "share_below_3_mm": 1,
                      *                 "variance_mm2": 0
                      *               },
                      *               "forehead": {
-                     *                 "count": 6259,
+                     *                 "count": 5945,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -6940,67 +6924,67 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "lower_lip": {
-                     *                 "count": 831,
-                     *                 "l2_norm_mm": 54.2599,
-                     *                 "max_mm": 3.3737,
-                     *                 "mean_abs_mm": 1.5712,
-                     *                 "mean_mm": 1.5712,
-                     *                 "p50_mm": 1.6622,
-                     *                 "p90_mm": 2.9782,
-                     *                 "p95_mm": 3.1432,
-                     *                 "rms_mm": 1.9374,
-                     *                 "share_below_1_mm": 0.3834,
-                     *                 "share_below_2_mm": 0.5575,
-                     *                 "share_below_3_mm": 0.9058,
-                     *                 "variance_mm2": 1.2846
+                     *                 "count": 790,
+                     *                 "l2_norm_mm": 53.7177,
+                     *                 "max_mm": 3.3863,
+                     *                 "mean_abs_mm": 1.6175,
+                     *                 "mean_mm": 1.6175,
+                     *                 "p50_mm": 1.7542,
+                     *                 "p90_mm": 2.9972,
+                     *                 "p95_mm": 3.1861,
+                     *                 "rms_mm": 1.9705,
+                     *                 "share_below_1_mm": 0.3634,
+                     *                 "share_below_2_mm": 0.5438,
+                     *                 "share_below_3_mm": 0.9003,
+                     *                 "variance_mm2": 1.2667
                      *               },
                      *               "nose": {
-                     *                 "count": 1991,
-                     *                 "l2_norm_mm": 40.9771,
+                     *                 "count": 1897,
+                     *                 "l2_norm_mm": 40.6153,
                      *                 "max_mm": 3.4748,
-                     *                 "mean_abs_mm": 0.4756,
-                     *                 "mean_mm": 0.4754,
-                     *                 "p50_mm": 0.0007,
-                     *                 "p90_mm": 1.8076,
-                     *                 "p95_mm": 2.0989,
-                     *                 "rms_mm": 0.9146,
-                     *                 "share_below_1_mm": 0.7739,
-                     *                 "share_below_2_mm": 0.9378,
-                     *                 "share_below_3_mm": 0.9892,
-                     *                 "variance_mm2": 0.6105
+                     *                 "mean_abs_mm": 0.4926,
+                     *                 "mean_mm": 0.4925,
+                     *                 "p50_mm": 0.0008,
+                     *                 "p90_mm": 1.8415,
+                     *                 "p95_mm": 2.1049,
+                     *                 "rms_mm": 0.9318,
+                     *                 "share_below_1_mm": 0.7634,
+                     *                 "share_below_2_mm": 0.9353,
+                     *                 "share_below_3_mm": 0.9886,
+                     *                 "variance_mm2": 0.6256
                      *               },
                      *               "paranasal_left": {
-                     *                 "count": 268,
-                     *                 "l2_norm_mm": 44.3036,
-                     *                 "max_mm": 3.1075,
-                     *                 "mean_abs_mm": 2.6501,
-                     *                 "mean_mm": 2.6501,
-                     *                 "p50_mm": 2.8323,
-                     *                 "p90_mm": 3.0148,
-                     *                 "p95_mm": 3.0492,
-                     *                 "rms_mm": 2.6964,
-                     *                 "share_below_1_mm": 0.019,
-                     *                 "share_below_2_mm": 0.107,
-                     *                 "share_below_3_mm": 0.8869,
-                     *                 "variance_mm2": 0.2476
+                     *                 "count": 246,
+                     *                 "l2_norm_mm": 42.5537,
+                     *                 "max_mm": 3.1055,
+                     *                 "mean_abs_mm": 2.6584,
+                     *                 "mean_mm": 2.6584,
+                     *                 "p50_mm": 2.8329,
+                     *                 "p90_mm": 3.015,
+                     *                 "p95_mm": 3.049,
+                     *                 "rms_mm": 2.7022,
+                     *                 "share_below_1_mm": 0.0191,
+                     *                 "share_below_2_mm": 0.0993,
+                     *                 "share_below_3_mm": 0.8739,
+                     *                 "variance_mm2": 0.2347
                      *               },
                      *               "paranasal_right": {
-                     *                 "count": 257,
-                     *                 "l2_norm_mm": 42.5295,
-                     *                 "max_mm": 3.1065,
-                     *                 "mean_abs_mm": 2.5815,
-                     *                 "mean_mm": 2.5815,
-                     *                 "p50_mm": 2.7886,
-                     *                 "p90_mm": 2.9949,
-                     *                 "p95_mm": 3.0208,
-                     *                 "rms_mm": 2.633,
-                     *                 "share_below_1_mm": 0.0211,
-                     *                 "share_below_2_mm": 0.1508,
-                     *                 "share_below_3_mm": 0.9163,
-                     *                 "variance_mm2": 0.2687
+                     *                 "count": 250,
+                     *                 "l2_norm_mm": 42.3776,
+                     *                 "max_mm": 3.1215,
+                     *                 "mean_abs_mm": 2.6151,
+                     *                 "mean_mm": 2.6151,
+                     *                 "p50_mm": 2.8195,
+                     *                 "p90_mm": 3.0016,
+                     *                 "p95_mm": 3.0505,
+                     *                 "rms_mm": 2.6605,
+                     *                 "share_below_1_mm": 0.0107,
+                     *                 "share_below_2_mm": 0.123,
+                     *                 "share_below_3_mm": 0.8966,
+                     *                 "variance_mm2": 0.2395
                      *               },
                      *               "submental": {
-                     *                 "count": 1297,
+                     *                 "count": 973,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7015,41 +6999,41 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "upper_lip": {
-                     *                 "count": 493,
-                     *                 "l2_norm_mm": 71.462,
+                     *                 "count": 475,
+                     *                 "l2_norm_mm": 70.2742,
                      *                 "max_mm": 3.4977,
-                     *                 "mean_abs_mm": 3.2271,
-                     *                 "mean_mm": 3.2271,
-                     *                 "p50_mm": 3.2137,
-                     *                 "p90_mm": 3.4397,
+                     *                 "mean_abs_mm": 3.2349,
+                     *                 "mean_mm": 3.2349,
+                     *                 "p50_mm": 3.224,
+                     *                 "p90_mm": 3.4404,
                      *                 "p95_mm": 3.4719,
-                     *                 "rms_mm": 3.2306,
+                     *                 "rms_mm": 3.2382,
                      *                 "share_below_1_mm": 0,
                      *                 "share_below_2_mm": 0,
-                     *                 "share_below_3_mm": 0.0634,
-                     *                 "variance_mm2": 0.0223
+                     *                 "share_below_3_mm": 0.0507,
+                     *                 "variance_mm2": 0.0214
                      *               }
                      *             },
                      *             "whole": {
-                     *               "count": 18772,
-                     *               "l2_norm_mm": 131.6165,
+                     *               "count": 17569,
+                     *               "l2_norm_mm": 131.1542,
                      *               "max_mm": 3.4977,
-                     *               "mean_abs_mm": 0.3997,
-                     *               "mean_mm": 0.3997,
+                     *               "mean_abs_mm": 0.4257,
+                     *               "mean_mm": 0.4257,
                      *               "p50_mm": 0,
-                     *               "p90_mm": 2.1189,
-                     *               "p95_mm": 2.9042,
-                     *               "rms_mm": 0.9935,
-                     *               "share_below_1_mm": 0.8474,
-                     *               "share_below_2_mm": 0.8949,
-                     *               "share_below_3_mm": 0.963,
-                     *               "variance_mm2": 0.8274
+                     *               "p90_mm": 2.2479,
+                     *               "p95_mm": 2.9213,
+                     *               "rms_mm": 1.0254,
+                     *               "share_below_1_mm": 0.8374,
+                     *               "share_below_2_mm": 0.8878,
+                     *               "share_below_3_mm": 0.9608,
+                     *               "variance_mm2": 0.8702
                      *             }
                      *           },
                      *           "no_prediction": {
                      *             "regions": {
                      *               "cheek_left": {
-                     *                 "count": 2884,
+                     *                 "count": 2743,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7064,7 +7048,7 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "cheek_right": {
-                     *                 "count": 2877,
+                     *                 "count": 2765,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7079,7 +7063,7 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "chin": {
-                     *                 "count": 1530,
+                     *                 "count": 1425,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7094,7 +7078,7 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "forehead": {
-                     *                 "count": 6259,
+                     *                 "count": 5945,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7109,7 +7093,7 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "lower_lip": {
-                     *                 "count": 831,
+                     *                 "count": 790,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7124,7 +7108,7 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "nose": {
-                     *                 "count": 1991,
+                     *                 "count": 1897,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7139,7 +7123,7 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "paranasal_left": {
-                     *                 "count": 268,
+                     *                 "count": 246,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7154,7 +7138,7 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "paranasal_right": {
-                     *                 "count": 257,
+                     *                 "count": 250,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7169,7 +7153,7 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "submental": {
-                     *                 "count": 1297,
+                     *                 "count": 973,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7184,7 +7168,7 @@ export interface operations {
                      *                 "variance_mm2": 0
                      *               },
                      *               "upper_lip": {
-                     *                 "count": 493,
+                     *                 "count": 475,
                      *                 "l2_norm_mm": 0,
                      *                 "max_mm": 0,
                      *                 "mean_abs_mm": 0,
@@ -7200,7 +7184,7 @@ export interface operations {
                      *               }
                      *             },
                      *             "whole": {
-                     *               "count": 18772,
+                     *               "count": 17569,
                      *               "l2_norm_mm": 0,
                      *               "max_mm": 0,
                      *               "mean_abs_mm": 0,
@@ -7217,19 +7201,19 @@ export interface operations {
                      *           }
                      *         },
                      *         "correspondence": {
-                     *           "count": 18772,
-                     *           "l2_norm_mm": 145.6273,
-                     *           "max_mm": 4.2059,
-                     *           "mean_abs_mm": 0.517,
-                     *           "mean_mm": 0.517,
-                     *           "p50_mm": 0.0337,
-                     *           "p90_mm": 2.2065,
-                     *           "p95_mm": 2.9874,
-                     *           "rms_mm": 1.0985,
-                     *           "share_below_1_mm": 0.8326,
-                     *           "share_below_2_mm": 0.8899,
-                     *           "share_below_3_mm": 0.9503,
-                     *           "variance_mm2": 0.9395
+                     *           "count": 17569,
+                     *           "l2_norm_mm": 151.1149,
+                     *           "max_mm": 4.1986,
+                     *           "mean_abs_mm": 0.5839,
+                     *           "mean_mm": 0.5839,
+                     *           "p50_mm": 0.0626,
+                     *           "p90_mm": 2.4499,
+                     *           "p95_mm": 3.2038,
+                     *           "rms_mm": 1.1782,
+                     *           "share_below_1_mm": 0.8147,
+                     *           "share_below_2_mm": 0.8756,
+                     *           "share_below_3_mm": 0.9391,
+                     *           "variance_mm2": 1.0471
                      *         },
                      *         "excluded": 0,
                      *         "histogram": [
@@ -7246,209 +7230,204 @@ export interface operations {
                      *         "reference": "target",
                      *         "regions": {
                      *           "cheek_left": {
-                     *             "count": 2884,
-                     *             "l2_norm_mm": 21.1341,
-                     *             "max_mm": 1.8264,
-                     *             "mean_abs_mm": 0.213,
-                     *             "mean_mm": 0.1105,
-                     *             "p50_mm": 0.101,
-                     *             "p90_mm": 0.6402,
-                     *             "p95_mm": 0.9852,
-                     *             "rms_mm": 0.3889,
-                     *             "share_below_1_mm": 0.952,
-                     *             "share_below_2_mm": 1,
+                     *             "count": 2743,
+                     *             "l2_norm_mm": 25.2325,
+                     *             "max_mm": 2.1034,
+                     *             "mean_abs_mm": 0.2677,
+                     *             "mean_mm": 0.1524,
+                     *             "p50_mm": 0.1371,
+                     *             "p90_mm": 0.8027,
+                     *             "p95_mm": 1.2342,
+                     *             "rms_mm": 0.4768,
+                     *             "share_below_1_mm": 0.9262,
+                     *             "share_below_2_mm": 0.9959,
                      *             "share_below_3_mm": 1,
-                     *             "variance_mm2": 0.139
+                     *             "variance_mm2": 0.2041
                      *           },
                      *           "cheek_right": {
-                     *             "count": 2877,
-                     *             "l2_norm_mm": 20.9599,
-                     *             "max_mm": 1.8719,
-                     *             "mean_abs_mm": 0.2097,
-                     *             "mean_mm": 0.1097,
-                     *             "p50_mm": 0.1017,
-                     *             "p90_mm": 0.6206,
-                     *             "p95_mm": 0.9945,
-                     *             "rms_mm": 0.3852,
-                     *             "share_below_1_mm": 0.9502,
-                     *             "share_below_2_mm": 1,
+                     *             "count": 2765,
+                     *             "l2_norm_mm": 24.9451,
+                     *             "max_mm": 2.0792,
+                     *             "mean_abs_mm": 0.2644,
+                     *             "mean_mm": 0.1501,
+                     *             "p50_mm": 0.1366,
+                     *             "p90_mm": 0.794,
+                     *             "p95_mm": 1.216,
+                     *             "rms_mm": 0.4686,
+                     *             "share_below_1_mm": 0.9279,
+                     *             "share_below_2_mm": 0.9973,
                      *             "share_below_3_mm": 1,
-                     *             "variance_mm2": 0.1363
+                     *             "variance_mm2": 0.1971
                      *           },
                      *           "chin": {
-                     *             "count": 1530,
-                     *             "l2_norm_mm": 1.9616,
-                     *             "max_mm": 0.3662,
-                     *             "mean_abs_mm": 0.0227,
-                     *             "mean_mm": 0.0125,
-                     *             "p50_mm": 0.0096,
-                     *             "p90_mm": 0.0431,
-                     *             "p95_mm": 0.1176,
-                     *             "rms_mm": 0.0479,
+                     *             "count": 1425,
+                     *             "l2_norm_mm": 3.6601,
+                     *             "max_mm": 0.6949,
+                     *             "mean_abs_mm": 0.0402,
+                     *             "mean_mm": 0.0334,
+                     *             "p50_mm": 0.0128,
+                     *             "p90_mm": 0.0822,
+                     *             "p95_mm": 0.24,
+                     *             "rms_mm": 0.0965,
                      *             "share_below_1_mm": 1,
                      *             "share_below_2_mm": 1,
                      *             "share_below_3_mm": 1,
-                     *             "variance_mm2": 0.0021
+                     *             "variance_mm2": 0.0082
                      *           },
                      *           "forehead": {
-                     *             "count": 6259,
-                     *             "l2_norm_mm": 0.0028,
-                     *             "max_mm": 0.0009,
+                     *             "count": 5945,
+                     *             "l2_norm_mm": 0.0075,
+                     *             "max_mm": 0.0017,
                      *             "mean_abs_mm": 0,
                      *             "mean_mm": 0,
                      *             "p50_mm": 0,
                      *             "p90_mm": 0,
                      *             "p95_mm": 0,
-                     *             "rms_mm": 0,
+                     *             "rms_mm": 0.0001,
                      *             "share_below_1_mm": 1,
                      *             "share_below_2_mm": 1,
                      *             "share_below_3_mm": 1,
                      *             "variance_mm2": 0
                      *           },
                      *           "lower_lip": {
-                     *             "count": 831,
-                     *             "l2_norm_mm": 49.313,
-                     *             "max_mm": 3.5041,
-                     *             "mean_abs_mm": 1.5196,
-                     *             "mean_mm": 1.5196,
-                     *             "p50_mm": 1.3341,
-                     *             "p90_mm": 2.9582,
-                     *             "p95_mm": 3.2149,
-                     *             "rms_mm": 1.7588,
-                     *             "share_below_1_mm": 0.3239,
-                     *             "share_below_2_mm": 0.7197,
-                     *             "share_below_3_mm": 0.9141,
-                     *             "variance_mm2": 0.7841
+                     *             "count": 790,
+                     *             "l2_norm_mm": 56.7507,
+                     *             "max_mm": 3.711,
+                     *             "mean_abs_mm": 1.8703,
+                     *             "mean_mm": 1.8703,
+                     *             "p50_mm": 1.7962,
+                     *             "p90_mm": 3.3151,
+                     *             "p95_mm": 3.4883,
+                     *             "rms_mm": 2.0745,
+                     *             "share_below_1_mm": 0.1911,
+                     *             "share_below_2_mm": 0.6107,
+                     *             "share_below_3_mm": 0.8404,
+                     *             "variance_mm2": 0.8054
                      *           },
                      *           "nose": {
-                     *             "count": 1991,
-                     *             "l2_norm_mm": 36.4943,
-                     *             "max_mm": 3.6711,
-                     *             "mean_abs_mm": 0.5534,
-                     *             "mean_mm": 0.512,
-                     *             "p50_mm": 0.3608,
-                     *             "p90_mm": 1.3374,
-                     *             "p95_mm": 1.5702,
-                     *             "rms_mm": 0.8157,
-                     *             "share_below_1_mm": 0.7717,
-                     *             "share_below_2_mm": 0.9782,
-                     *             "share_below_3_mm": 0.9922,
-                     *             "variance_mm2": 0.4032
+                     *             "count": 1897,
+                     *             "l2_norm_mm": 37.7275,
+                     *             "max_mm": 3.7399,
+                     *             "mean_abs_mm": 0.6037,
+                     *             "mean_mm": 0.5627,
+                     *             "p50_mm": 0.4065,
+                     *             "p90_mm": 1.4102,
+                     *             "p95_mm": 1.6706,
+                     *             "rms_mm": 0.8648,
+                     *             "share_below_1_mm": 0.7398,
+                     *             "share_below_2_mm": 0.9746,
+                     *             "share_below_3_mm": 0.9926,
+                     *             "variance_mm2": 0.4312
                      *           },
                      *           "paranasal_left": {
-                     *             "count": 268,
-                     *             "l2_norm_mm": 41.5574,
-                     *             "max_mm": 3.3254,
-                     *             "mean_abs_mm": 2.4806,
-                     *             "mean_mm": 2.4806,
-                     *             "p50_mm": 2.53,
-                     *             "p90_mm": 3.0878,
-                     *             "p95_mm": 3.2211,
-                     *             "rms_mm": 2.5277,
+                     *             "count": 246,
+                     *             "l2_norm_mm": 41.3329,
+                     *             "max_mm": 3.4271,
+                     *             "mean_abs_mm": 2.5826,
+                     *             "mean_mm": 2.5826,
+                     *             "p50_mm": 2.6137,
+                     *             "p90_mm": 3.1229,
+                     *             "p95_mm": 3.2643,
+                     *             "rms_mm": 2.6196,
                      *             "share_below_1_mm": 0,
-                     *             "share_below_2_mm": 0.1813,
-                     *             "share_below_3_mm": 0.8384,
-                     *             "variance_mm2": 0.2358
+                     *             "share_below_2_mm": 0.0923,
+                     *             "share_below_3_mm": 0.825,
+                     *             "variance_mm2": 0.1925
                      *           },
                      *           "paranasal_right": {
-                     *             "count": 257,
-                     *             "l2_norm_mm": 40.6212,
-                     *             "max_mm": 3.3632,
-                     *             "mean_abs_mm": 2.4655,
-                     *             "mean_mm": 2.4655,
-                     *             "p50_mm": 2.4743,
-                     *             "p90_mm": 3.1138,
-                     *             "p95_mm": 3.2187,
-                     *             "rms_mm": 2.5138,
+                     *             "count": 250,
+                     *             "l2_norm_mm": 41.5599,
+                     *             "max_mm": 3.4005,
+                     *             "mean_abs_mm": 2.5712,
+                     *             "mean_mm": 2.5712,
+                     *             "p50_mm": 2.6063,
+                     *             "p90_mm": 3.1486,
+                     *             "p95_mm": 3.252,
+                     *             "rms_mm": 2.6091,
                      *             "share_below_1_mm": 0,
-                     *             "share_below_2_mm": 0.1847,
-                     *             "share_below_3_mm": 0.8333,
-                     *             "variance_mm2": 0.2407
+                     *             "share_below_2_mm": 0.0976,
+                     *             "share_below_3_mm": 0.8293,
+                     *             "variance_mm2": 0.1962
                      *           },
                      *           "submental": {
-                     *             "count": 1297,
-                     *             "l2_norm_mm": 0.0927,
-                     *             "max_mm": 0.0102,
-                     *             "mean_abs_mm": 0.0015,
-                     *             "mean_mm": 0.0011,
-                     *             "p50_mm": 0.0008,
-                     *             "p90_mm": 0.0041,
-                     *             "p95_mm": 0.0065,
-                     *             "rms_mm": 0.0025,
+                     *             "count": 973,
+                     *             "l2_norm_mm": 0.1587,
+                     *             "max_mm": 0.019,
+                     *             "mean_abs_mm": 0.0031,
+                     *             "mean_mm": 0.0028,
+                     *             "p50_mm": 0.0016,
+                     *             "p90_mm": 0.0081,
+                     *             "p95_mm": 0.012,
+                     *             "rms_mm": 0.0049,
                      *             "share_below_1_mm": 1,
                      *             "share_below_2_mm": 1,
                      *             "share_below_3_mm": 1,
                      *             "variance_mm2": 0
                      *           },
                      *           "upper_lip": {
-                     *             "count": 493,
-                     *             "l2_norm_mm": 77.2796,
-                     *             "max_mm": 4.0518,
-                     *             "mean_abs_mm": 3.4924,
-                     *             "mean_mm": 3.4924,
-                     *             "p50_mm": 3.5216,
-                     *             "p90_mm": 3.8503,
-                     *             "p95_mm": 3.9539,
-                     *             "rms_mm": 3.5046,
+                     *             "count": 475,
+                     *             "l2_norm_mm": 76.1552,
+                     *             "max_mm": 3.9766,
+                     *             "mean_abs_mm": 3.511,
+                     *             "mean_mm": 3.511,
+                     *             "p50_mm": 3.5122,
+                     *             "p90_mm": 3.8332,
+                     *             "p95_mm": 3.8685,
+                     *             "rms_mm": 3.5195,
                      *             "share_below_1_mm": 0,
                      *             "share_below_2_mm": 0,
-                     *             "share_below_3_mm": 0.0734,
-                     *             "variance_mm2": 0.0852
+                     *             "share_below_3_mm": 0.0202,
+                     *             "variance_mm2": 0.0598
                      *           }
                      *         },
                      *         "registration": null,
-                     *         "roughness_mm": 0.1204,
+                     *         "roughness_mm": 0.1218,
                      *         "smoothed": {
-                     *           "count": 18772,
-                     *           "l2_norm_mm": 114.5693,
-                     *           "max_mm": 3.6422,
-                     *           "mean_abs_mm": 0.3752,
-                     *           "mean_mm": 0.3435,
-                     *           "p50_mm": 0.0094,
-                     *           "p90_mm": 1.3283,
-                     *           "p95_mm": 2.5988,
-                     *           "rms_mm": 0.8722,
-                     *           "share_below_1_mm": 0.8701,
-                     *           "share_below_2_mm": 0.9286,
-                     *           "share_below_3_mm": 0.9709,
-                     *           "variance_mm2": 0.6427
+                     *           "count": 17569,
+                     *           "l2_norm_mm": 119.3635,
+                     *           "max_mm": 3.592,
+                     *           "mean_abs_mm": 0.4262,
+                     *           "mean_mm": 0.39,
+                     *           "p50_mm": 0.0177,
+                     *           "p90_mm": 1.5721,
+                     *           "p95_mm": 2.7335,
+                     *           "rms_mm": 0.9385,
+                     *           "share_below_1_mm": 0.8495,
+                     *           "share_below_2_mm": 0.9176,
+                     *           "share_below_3_mm": 0.9627,
+                     *           "variance_mm2": 0.7287
                      *         },
                      *         "warnings": [],
                      *         "whole": {
-                     *           "count": 18772,
-                     *           "l2_norm_mm": 119.5113,
-                     *           "max_mm": 4.0518,
-                     *           "mean_abs_mm": 0.3829,
-                     *           "mean_mm": 0.3449,
-                     *           "p50_mm": 0.0088,
-                     *           "p90_mm": 1.3565,
-                     *           "p95_mm": 2.6602,
-                     *           "rms_mm": 0.9138,
-                     *           "share_below_1_mm": 0.8675,
-                     *           "share_below_2_mm": 0.9282,
-                     *           "share_below_3_mm": 0.9621,
-                     *           "variance_mm2": 0.7161
+                     *           "count": 17569,
+                     *           "l2_norm_mm": 123.9484,
+                     *           "max_mm": 3.9766,
+                     *           "mean_abs_mm": 0.4343,
+                     *           "mean_mm": 0.3914,
+                     *           "p50_mm": 0.0152,
+                     *           "p90_mm": 1.6544,
+                     *           "p95_mm": 2.8239,
+                     *           "rms_mm": 0.9785,
+                     *           "share_below_1_mm": 0.8479,
+                     *           "share_below_2_mm": 0.9178,
+                     *           "share_below_3_mm": 0.9559,
+                     *           "variance_mm2": 0.8044
                      *         }
                      *       },
                      *       "field": {
                      *         "bone": {
-                     *           "bricks": 8668,
-                     *           "checked_points": 3182,
-                     *           "max_error_mm": 0.2849,
-                     *           "memory_bytes": 9233444,
+                     *           "bricks": 8782,
+                     *           "checked_points": 3183,
+                     *           "max_error_mm": 0.2819,
+                     *           "memory_bytes": 9285428,
                      *           "regions": [],
-                     *           "rms_error_mm": 0.0205,
+                     *           "rms_error_mm": 0.0185,
                      *           "warnings": []
                      *         },
                      *         "notes": [
                      *           {
-                     *             "code": "envelope-parts-dropped",
-                     *             "message": "3 separate parts smaller than 1000 mm³ dropped (3 mm³ in all)",
-                     *             "severity": "info"
-                     *           },
-                     *           {
                      *             "code": "cavities-filled",
-                     *             "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.4 cm³, surface 826.6 cm³",
+                     *             "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.6 cm³, surface 826.6 cm³",
                      *             "severity": "info"
                      *           }
                      *         ],
@@ -7461,18 +7440,51 @@ export interface operations {
                      *           "spacing_mm": 0.8
                      *         },
                      *         "skin": {
-                     *           "bricks": 9903,
+                     *           "bricks": 10038,
                      *           "checked_points": 3073,
-                     *           "max_error_mm": 0.062,
-                     *           "memory_bytes": 10763456,
+                     *           "max_error_mm": 0.0567,
+                     *           "memory_bytes": 10901696,
                      *           "regions": [],
-                     *           "rms_error_mm": 0.0036,
+                     *           "rms_error_mm": 0.0037,
                      *           "warnings": []
                      *         },
                      *         "warnings": []
                      *       },
-                     *       "finished_at": "2026-11-28T23:18:25.789Z",
+                     *       "finished_at": "2026-11-29T03:20:27.233Z",
                      *       "format_version": 1,
+                     *       "frame": {
+                     *         "asymmetry_mm": 0.0071,
+                     *         "back": [
+                     *           0,
+                     *           0.999,
+                     *           -0.0439
+                     *         ],
+                     *         "basis": "landmarks",
+                     *         "confidence": 0.6591,
+                     *         "landmarks": 23,
+                     *         "left": [
+                     *           1,
+                     *           0,
+                     *           0
+                     *         ],
+                     *         "origin_mm": [
+                     *           0.0004,
+                     *           -85.435,
+                     *           2.9611
+                     *         ],
+                     *         "pitch_roll_yaw_deg": [
+                     *           -2.5158,
+                     *           -0.0003,
+                     *           0.0001
+                     *         ],
+                     *         "unlike_mm": 6.1353,
+                     *         "up": [
+                     *           0,
+                     *           0.0439,
+                     *           0.999
+                     *         ],
+                     *         "warnings": []
+                     *       },
                      *       "inputs": {
                      *         "landmarks": {
                      *           "sha256": "1f24ddab13a228fcacf7ea19914f1c2d417f3f1ee2c3e36dfeba6220b350e241",
@@ -7493,34 +7505,34 @@ export interface operations {
                      *       },
                      *       "job": "0197a2c0-0000-7000-8000-000000000001",
                      *       "left_out": {
-                     *         "border_mm": 0.0704,
-                     *         "nodes": 712,
-                     *         "of_nodes": 7937
+                     *         "border_mm": 0.084,
+                     *         "nodes": 722,
+                     *         "of_nodes": 7424
                      *       },
                      *       "mesh": {
                      *         "cartilage": 0,
                      *         "inverted": 0,
-                     *         "max_dihedral_deg": 159.7835,
-                     *         "max_skin_distance_mm": 0.22,
-                     *         "min_dihedral_deg": 11.6971,
-                     *         "min_scaled_jacobian": 0.2504,
-                     *         "muscle_share": 0.4993,
-                     *         "nodes": 7937,
+                     *         "max_dihedral_deg": 159.8575,
+                     *         "max_skin_distance_mm": 0.2198,
+                     *         "min_dihedral_deg": 11.8776,
+                     *         "min_scaled_jacobian": 0.2502,
+                     *         "muscle_share": 0.502,
+                     *         "nodes": 7424,
                      *         "non_manifold_edges": 0,
                      *         "notes": [
                      *           {
                      *             "code": "mesh-pockets",
-                     *             "message": "tissue behind narrow necks was left out: 12 pockets with 758 tetrahedra and 8.71 cm³, 1.8 % of the mesh",
+                     *             "message": "tissue behind narrow necks was left out: 10 pockets with 526 tetrahedra and 8.66 cm³, 1.8 % of the mesh",
                      *             "severity": "info"
                      *           },
                      *           {
                      *             "code": "mesh-loose-parts",
-                     *             "message": "4 parts attached to the tissue by fewer than two faces were dropped (6 of 25220 elements)",
+                     *             "message": "5 parts attached to the tissue by fewer than two faces were dropped (15 of 23604 elements)",
                      *             "severity": "info"
                      *           }
                      *         ],
                      *         "osteotomy": "0197a2c0-0000-7000-8000-000000000003",
-                     *         "prisms": 3940,
+                     *         "prisms": 3835,
                      *         "settings": {
                      *           "depth_mm": 30,
                      *           "edge_mm": 7,
@@ -7528,21 +7540,21 @@ export interface operations {
                      *           "region": null,
                      *           "skin_thickness_mm": 1.5
                      *         },
-                     *         "tetrahedra": 21274,
+                     *         "tetrahedra": 19754,
                      *         "tissue_from_ct": false,
-                     *         "volume_error": -0.0148,
+                     *         "volume_error": -0.0218,
                      *         "warnings": []
                      *       },
                      *       "model": "nonlinear",
                      *       "notes": [
                      *         {
                      *           "code": "mucosa-nodes",
-                     *           "message": "165 nodes at teeth and gum glide on bone",
+                     *           "message": "137 nodes at teeth and gum glide on bone",
                      *           "severity": "info"
                      *         },
                      *         {
                      *           "code": "stripped-nodes",
-                     *           "message": "115 nodes within 12 mm of a saw line, where periosteum is stripped, glide on bone",
+                     *           "message": "111 nodes within 12 mm of a saw line, where periosteum is stripped, glide on bone",
                      *           "severity": "info"
                      *         }
                      *       ],
@@ -7568,7 +7580,7 @@ export interface operations {
                      *                 1
                      *               ],
                      *               "point_mm": [
-                     *                 0,
+                     *                 -0.0002,
                      *                 -69.5,
                      *                 32
                      *               ]
@@ -7586,7 +7598,7 @@ export interface operations {
                      *                   0
                      *                 ],
                      *                 "half_length_mm": 38,
-                     *                 "half_width_mm": 18
+                     *                 "half_width_mm": 18.5269
                      *               },
                      *               "normal": [
                      *                 0,
@@ -7594,9 +7606,9 @@ export interface operations {
                      *                 0
                      *               ],
                      *               "point_mm": [
-                     *                 0,
+                     *                 -0.0003,
                      *                 -39,
-                     *                 16
+                     *                 15.4731
                      *               ]
                      *             },
                      *             "purpose": "osteotomy"
@@ -7620,9 +7632,9 @@ export interface operations {
                      *                 1
                      *               ],
                      *               "point_mm": [
-                     *                 0,
+                     *                 -0.0002,
                      *                 -69.5,
-                     *                 0
+                     *                 -1.0538
                      *               ]
                      *             },
                      *             "purpose": "separation"
@@ -7645,13 +7657,13 @@ export interface operations {
                      *         "warm_start": null
                      *       },
                      *       "phases": {
-                     *         "cut_s": 2.0509,
-                     *         "field_s": 11.47,
-                     *         "mesh_s": 8.7789,
-                     *         "plan_s": 1.4058,
-                     *         "solve_s": 4.2762,
-                     *         "surfaces_s": 1.9633,
-                     *         "total_s": 29.9451
+                     *         "cut_s": 1.1733,
+                     *         "field_s": 5.945,
+                     *         "mesh_s": 4.2022,
+                     *         "plan_s": 0.9979,
+                     *         "solve_s": 2.7465,
+                     *         "surfaces_s": 1.1218,
+                     *         "total_s": 16.1867
                      *       },
                      *       "plan": {
                      *         "label": null,
@@ -7695,17 +7707,17 @@ export interface operations {
                      *           {
                      *             "along": [
                      *               {
-                     *                 "gap_mm": 0.0007,
-                     *                 "gap_mm3": 59.4454,
+                     *                 "gap_mm": 0.0006,
+                     *                 "gap_mm3": 51.7164,
                      *                 "overlap_mm": 0,
-                     *                 "overlap_mm3": 7.1528,
+                     *                 "overlap_mm3": 26.3981,
                      *                 "t": 0
                      *               },
                      *               {
-                     *                 "gap_mm": 0.1933,
-                     *                 "gap_mm3": 620.151,
-                     *                 "overlap_mm": 0,
-                     *                 "overlap_mm3": 0.25,
+                     *                 "gap_mm": 0.1928,
+                     *                 "gap_mm3": 620.5104,
+                     *                 "overlap_mm": 0.0047,
+                     *                 "overlap_mm3": 19.5602,
                      *                 "t": 0.1
                      *               }
                      *             ],
@@ -7719,24 +7731,24 @@ export interface operations {
                      *             "segment": 1
                      *           }
                      *         ],
-                     *         "wall_s": 1.4058,
+                     *         "wall_s": 0.9979,
                      *         "warnings": []
                      *       },
                      *       "regions": {
                      *         "cheek_left": {
-                     *           "down_mm": -0.0153,
-                     *           "forward_mm": 0.2494,
-                     *           "left_mm": -0.0218
+                     *           "down_mm": -0.0042,
+                     *           "forward_mm": 0.3025,
+                     *           "left_mm": -0.0175
                      *         },
                      *         "cheek_right": {
-                     *           "down_mm": -0.0141,
-                     *           "forward_mm": 0.2396,
-                     *           "left_mm": 0.0217
+                     *           "down_mm": -0.0034,
+                     *           "forward_mm": 0.304,
+                     *           "left_mm": 0.0152
                      *         },
                      *         "chin": {
-                     *           "down_mm": 0.041,
-                     *           "forward_mm": 0.0276,
-                     *           "left_mm": 0.002
+                     *           "down_mm": 0.0799,
+                     *           "forward_mm": 0.0346,
+                     *           "left_mm": -0.0049
                      *         },
                      *         "forehead": {
                      *           "down_mm": 0,
@@ -7744,34 +7756,34 @@ export interface operations {
                      *           "left_mm": 0
                      *         },
                      *         "lower_lip": {
-                     *           "down_mm": 0.7257,
-                     *           "forward_mm": 1.3763,
-                     *           "left_mm": -0.0004
+                     *           "down_mm": 1.041,
+                     *           "forward_mm": 1.6457,
+                     *           "left_mm": 0.012
                      *         },
                      *         "nose": {
-                     *           "down_mm": -0.7405,
-                     *           "forward_mm": 0.9661,
-                     *           "left_mm": 0.0008
+                     *           "down_mm": -0.7232,
+                     *           "forward_mm": 1.0737,
+                     *           "left_mm": 0.0029
                      *         },
                      *         "paranasal_left": {
-                     *           "down_mm": -0.0555,
-                     *           "forward_mm": 2.4312,
-                     *           "left_mm": 0.7165
+                     *           "down_mm": 0.0422,
+                     *           "forward_mm": 2.5708,
+                     *           "left_mm": 0.6715
                      *         },
                      *         "paranasal_right": {
-                     *           "down_mm": -0.0636,
-                     *           "forward_mm": 2.4168,
-                     *           "left_mm": -0.6949
+                     *           "down_mm": 0.0635,
+                     *           "forward_mm": 2.5554,
+                     *           "left_mm": -0.6746
                      *         },
                      *         "submental": {
-                     *           "down_mm": 0.0015,
-                     *           "forward_mm": -0.0027,
-                     *           "left_mm": 0.0005
+                     *           "down_mm": 0.0037,
+                     *           "forward_mm": -0.0061,
+                     *           "left_mm": 0.0008
                      *         },
                      *         "upper_lip": {
-                     *           "down_mm": 0.3355,
-                     *           "forward_mm": 3.6409,
-                     *           "left_mm": 0.0003
+                     *           "down_mm": 0.5393,
+                     *           "forward_mm": 3.6911,
+                     *           "left_mm": -0.0257
                      *         }
                      *       },
                      *       "regions_from_landmarks": true,
@@ -7782,113 +7794,112 @@ export interface operations {
                      *       "session": "0197a2c0-0000-7000-8000-000000000002",
                      *       "steps": [
                      *         {
-                     *           "active_contacts": 2,
+                     *           "active_contacts": 4,
                      *           "converged": true,
-                     *           "factorisations": 1,
-                     *           "free_penetration_mm": 0.8649,
+                     *           "factorisations": 2,
+                     *           "free_penetration_mm": 0.8156,
                      *           "gliding_gap_mm": 0.0036,
                      *           "k": 1,
-                     *           "max_displacement_mm": 2.1077,
-                     *           "max_penetration_mm": 0.0002,
-                     *           "min_det_f": 0.903,
+                     *           "max_displacement_mm": 2.1037,
+                     *           "max_penetration_mm": 0.0005,
+                     *           "min_det_f": 0.7357,
                      *           "newton_iterations": 2,
                      *           "notes": [
                      *             {
+                     *               "action": "Use the locking option `patched`.",
+                     *               "code": "stiff-elements",
+                     *               "message": "the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *               "severity": "info"
+                     *             },
+                     *             {
                      *               "code": "overlap-at-rest",
-                     *               "message": "1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *               "message": "3 of 260 contact points lie 0.1 to 0.25 mm inside bone at rest; their gap is measured from that position",
                      *               "severity": "info"
                      *             }
                      *           ],
                      *           "outcome": "converged",
                      *           "phases": {
-                     *             "contact_s": 0.014,
-                     *             "factor_s": 0.2274,
-                     *             "line_search_s": 0.0188,
-                     *             "residual_s": 0.0338,
-                     *             "setup_s": 0.3033,
-                     *             "solve_s": 0.2129,
-                     *             "tangent_s": 0.125
+                     *             "contact_s": 0.013,
+                     *             "factor_s": 0.1491,
+                     *             "line_search_s": 0.0093,
+                     *             "residual_s": 0.018,
+                     *             "setup_s": 0.1707,
+                     *             "solve_s": 0.1087,
+                     *             "tangent_s": 0.0522
                      *           },
                      *           "pulled_off_nodes": 0,
                      *           "reactions": [
                      *             {
                      *               "force_n": [
-                     *                 -0.019,
-                     *                 7.8843,
-                     *                 -0.0467
+                     *                 -0.0227,
+                     *                 7.9836,
+                     *                 0.1508
                      *               ],
                      *               "segment": 0
                      *             },
                      *             {
                      *               "force_n": [
-                     *                 0.0026,
-                     *                 -10.8495,
-                     *                 0.0307
+                     *                 0.0176,
+                     *                 -11.3458,
+                     *                 -0.1723
                      *               ],
                      *               "segment": 1
                      *             }
                      *           ],
-                     *           "relative_residual": 0.001,
-                     *           "remaining_mm": 0.0038,
+                     *           "relative_residual": 0.0009,
+                     *           "remaining_mm": 0.0048,
                      *           "substeps": 1,
                      *           "t": 0.5,
-                     *           "unknowns": 18324,
-                     *           "wall_s": 2.0599,
-                     *           "warnings": [
-                     *             {
-                     *               "action": "Use the locking option `patched`.",
-                     *               "code": "stiff-elements",
-                     *               "message": "the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
-                     *               "severity": "check"
-                     *             }
-                     *           ]
+                     *           "unknowns": 17226,
+                     *           "wall_s": 1.5149,
+                     *           "warnings": []
                      *         },
                      *         {
-                     *           "active_contacts": 2,
+                     *           "active_contacts": 4,
                      *           "converged": true,
                      *           "factorisations": 1,
-                     *           "free_penetration_mm": 1.4444,
-                     *           "gliding_gap_mm": 0.0069,
+                     *           "free_penetration_mm": 1.4739,
+                     *           "gliding_gap_mm": 0.0081,
                      *           "k": 2,
-                     *           "max_displacement_mm": 4.2059,
-                     *           "max_penetration_mm": 0.0004,
-                     *           "min_det_f": 0.8024,
+                     *           "max_displacement_mm": 4.1986,
+                     *           "max_penetration_mm": 0.0009,
+                     *           "min_det_f": 0.5029,
                      *           "newton_iterations": 3,
                      *           "outcome": "converged",
                      *           "phases": {
-                     *             "contact_s": 0.019,
-                     *             "factor_s": 0.236,
-                     *             "line_search_s": 0.0502,
-                     *             "residual_s": 0.0959,
+                     *             "contact_s": 0.0161,
+                     *             "factor_s": 0.0683,
+                     *             "line_search_s": 0.0146,
+                     *             "residual_s": 0.0357,
                      *             "setup_s": 0,
-                     *             "solve_s": 0.5902,
-                     *             "tangent_s": 0.1551
+                     *             "solve_s": 0.1489,
+                     *             "tangent_s": 0.0714
                      *           },
                      *           "pulled_off_nodes": 0,
                      *           "reactions": [
                      *             {
                      *               "force_n": [
-                     *                 -0.0316,
-                     *                 15.9652,
-                     *                 -0.0956
+                     *                 -0.0397,
+                     *                 15.7407,
+                     *                 0.4969
                      *               ],
                      *               "segment": 0
                      *             },
                      *             {
                      *               "force_n": [
-                     *                 -0.0032,
-                     *                 -21.7341,
-                     *                 0.0635
+                     *                 0.0336,
+                     *                 -22.2033,
+                     *                 -0.5576
                      *               ],
                      *               "segment": 1
                      *             }
                      *           ],
-                     *           "relative_residual": 0,
+                     *           "relative_residual": 0.0001,
                      *           "remaining_mm": 0,
                      *           "substeps": 1,
                      *           "t": 1,
-                     *           "unknowns": 18324,
-                     *           "wall_s": 2.1005,
+                     *           "unknowns": 17226,
+                     *           "wall_s": 1.1396,
                      *           "warnings": []
                      *         }
                      *       ],
@@ -7897,13 +7908,7 @@ export interface operations {
                      *         {
                      *           "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
                      *           "code": "joined-lips",
-                     *           "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 2.8 mm",
-                     *           "severity": "check"
-                     *         },
-                     *         {
-                     *           "action": "Use the locking option `patched`.",
-                     *           "code": "stiff-elements",
-                     *           "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
+                     *           "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 3.3 mm",
                      *           "severity": "check"
                      *         }
                      *       ]
@@ -7965,70 +7970,70 @@ export interface operations {
                     /**
                      * @example {
                      *       "backward": {
-                     *         "count": 18025,
-                     *         "l2_norm_mm": 59.9216,
-                     *         "max_mm": 2.0331,
-                     *         "mean_abs_mm": 0.1863,
-                     *         "mean_mm": 0.1664,
-                     *         "p50_mm": 0.0045,
-                     *         "p90_mm": 0.6404,
-                     *         "p95_mm": 1.334,
-                     *         "rms_mm": 0.4503,
-                     *         "share_below_1_mm": 0.9292,
-                     *         "share_below_2_mm": 0.9989,
+                     *         "count": 16851,
+                     *         "l2_norm_mm": 62.0487,
+                     *         "max_mm": 2.0064,
+                     *         "mean_abs_mm": 0.2118,
+                     *         "mean_mm": 0.1888,
+                     *         "p50_mm": 0.0079,
+                     *         "p90_mm": 0.7849,
+                     *         "p95_mm": 1.4282,
+                     *         "rms_mm": 0.4835,
+                     *         "share_below_1_mm": 0.9201,
+                     *         "share_below_2_mm": 0.9999,
                      *         "share_below_3_mm": 1,
-                     *         "variance_mm2": 0.1751
+                     *         "variance_mm2": 0.1981
                      *       },
                      *       "backward_regions": {
                      *         "cheek_left": {
-                     *           "count": 2763,
-                     *           "l2_norm_mm": 10.467,
-                     *           "max_mm": 0.9149,
-                     *           "mean_abs_mm": 0.1071,
-                     *           "mean_mm": 0.0552,
-                     *           "p50_mm": 0.0512,
-                     *           "p90_mm": 0.3212,
-                     *           "p95_mm": 0.4931,
-                     *           "rms_mm": 0.1949,
-                     *           "share_below_1_mm": 1,
+                     *           "count": 2619,
+                     *           "l2_norm_mm": 12.1552,
+                     *           "max_mm": 1.0343,
+                     *           "mean_abs_mm": 0.1326,
+                     *           "mean_mm": 0.0716,
+                     *           "p50_mm": 0.0724,
+                     *           "p90_mm": 0.3929,
+                     *           "p95_mm": 0.6009,
+                     *           "rms_mm": 0.2317,
+                     *           "share_below_1_mm": 0.9994,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0349
+                     *           "variance_mm2": 0.0486
                      *         },
                      *         "cheek_right": {
-                     *           "count": 2733,
-                     *           "l2_norm_mm": 9.9457,
-                     *           "max_mm": 0.8581,
-                     *           "mean_abs_mm": 0.1022,
-                     *           "mean_mm": 0.0512,
-                     *           "p50_mm": 0.0513,
-                     *           "p90_mm": 0.3025,
-                     *           "p95_mm": 0.4762,
-                     *           "rms_mm": 0.1851,
-                     *           "share_below_1_mm": 1,
+                     *           "count": 2645,
+                     *           "l2_norm_mm": 12.399,
+                     *           "max_mm": 1.0378,
+                     *           "mean_abs_mm": 0.1342,
+                     *           "mean_mm": 0.0746,
+                     *           "p50_mm": 0.0717,
+                     *           "p90_mm": 0.4013,
+                     *           "p95_mm": 0.6093,
+                     *           "rms_mm": 0.2355,
+                     *           "share_below_1_mm": 0.9973,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0317
+                     *           "variance_mm2": 0.0499
                      *         },
                      *         "chin": {
-                     *           "count": 1469,
-                     *           "l2_norm_mm": 1.0223,
-                     *           "max_mm": 0.1447,
-                     *           "mean_abs_mm": 0.0123,
-                     *           "mean_mm": 0.0074,
-                     *           "p50_mm": 0.0052,
-                     *           "p90_mm": 0.0238,
-                     *           "p95_mm": 0.0664,
-                     *           "rms_mm": 0.0256,
+                     *           "count": 1361,
+                     *           "l2_norm_mm": 1.6148,
+                     *           "max_mm": 0.2399,
+                     *           "mean_abs_mm": 0.0197,
+                     *           "mean_mm": 0.0158,
+                     *           "p50_mm": 0.0068,
+                     *           "p90_mm": 0.0477,
+                     *           "p95_mm": 0.1161,
+                     *           "rms_mm": 0.0429,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0006
+                     *           "variance_mm2": 0.0016
                      *         },
                      *         "forehead": {
-                     *           "count": 5994,
-                     *           "l2_norm_mm": 0.0011,
-                     *           "max_mm": 0.0003,
+                     *           "count": 5712,
+                     *           "l2_norm_mm": 0.0026,
+                     *           "max_mm": 0.0007,
                      *           "mean_abs_mm": 0,
                      *           "mean_mm": 0,
                      *           "p50_mm": 0,
@@ -8041,110 +8046,110 @@ export interface operations {
                      *           "variance_mm2": 0
                      *         },
                      *         "lower_lip": {
-                     *           "count": 761,
-                     *           "l2_norm_mm": 22.5706,
-                     *           "max_mm": 1.6734,
-                     *           "mean_abs_mm": 0.7162,
-                     *           "mean_mm": 0.7162,
-                     *           "p50_mm": 0.5976,
-                     *           "p90_mm": 1.3725,
-                     *           "p95_mm": 1.4776,
-                     *           "rms_mm": 0.8247,
-                     *           "share_below_1_mm": 0.7259,
+                     *           "count": 728,
+                     *           "l2_norm_mm": 27.092,
+                     *           "max_mm": 1.8377,
+                     *           "mean_abs_mm": 0.9086,
+                     *           "mean_mm": 0.9086,
+                     *           "p50_mm": 0.8394,
+                     *           "p90_mm": 1.618,
+                     *           "p95_mm": 1.6941,
+                     *           "rms_mm": 1.014,
+                     *           "share_below_1_mm": 0.6256,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1671
+                     *           "variance_mm2": 0.2025
                      *         },
                      *         "nose": {
-                     *           "count": 1957,
-                     *           "l2_norm_mm": 20.1985,
-                     *           "max_mm": 1.8445,
-                     *           "mean_abs_mm": 0.2909,
-                     *           "mean_mm": 0.2646,
-                     *           "p50_mm": 0.1822,
-                     *           "p90_mm": 0.6654,
-                     *           "p95_mm": 0.8293,
-                     *           "rms_mm": 0.4539,
-                     *           "share_below_1_mm": 0.9578,
+                     *           "count": 1851,
+                     *           "l2_norm_mm": 20.7462,
+                     *           "max_mm": 1.8738,
+                     *           "mean_abs_mm": 0.3154,
+                     *           "mean_mm": 0.2903,
+                     *           "p50_mm": 0.2102,
+                     *           "p90_mm": 0.7216,
+                     *           "p95_mm": 0.8954,
+                     *           "rms_mm": 0.4802,
+                     *           "share_below_1_mm": 0.9546,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.136
+                     *           "variance_mm2": 0.1463
                      *         },
                      *         "paranasal_left": {
                      *           "count": 262,
-                     *           "l2_norm_mm": 20.4069,
-                     *           "max_mm": 1.6552,
-                     *           "mean_abs_mm": 1.2284,
-                     *           "mean_mm": 1.2284,
-                     *           "p50_mm": 1.2487,
-                     *           "p90_mm": 1.5327,
-                     *           "p95_mm": 1.579,
-                     *           "rms_mm": 1.2516,
-                     *           "share_below_1_mm": 0.1938,
+                     *           "l2_norm_mm": 21.2739,
+                     *           "max_mm": 1.7134,
+                     *           "mean_abs_mm": 1.2858,
+                     *           "mean_mm": 1.2858,
+                     *           "p50_mm": 1.3003,
+                     *           "p90_mm": 1.5675,
+                     *           "p95_mm": 1.6287,
+                     *           "rms_mm": 1.3049,
+                     *           "share_below_1_mm": 0.0882,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0574
+                     *           "variance_mm2": 0.0495
                      *         },
                      *         "paranasal_right": {
-                     *           "count": 274,
-                     *           "l2_norm_mm": 20.7729,
-                     *           "max_mm": 1.6943,
-                     *           "mean_abs_mm": 1.2177,
-                     *           "mean_mm": 1.2177,
-                     *           "p50_mm": 1.2283,
-                     *           "p90_mm": 1.5613,
-                     *           "p95_mm": 1.6095,
-                     *           "rms_mm": 1.245,
-                     *           "share_below_1_mm": 0.2203,
+                     *           "count": 243,
+                     *           "l2_norm_mm": 20.4408,
+                     *           "max_mm": 1.675,
+                     *           "mean_abs_mm": 1.2802,
+                     *           "mean_mm": 1.2802,
+                     *           "p50_mm": 1.2931,
+                     *           "p90_mm": 1.5552,
+                     *           "p95_mm": 1.6128,
+                     *           "rms_mm": 1.2978,
+                     *           "share_below_1_mm": 0.0955,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0672
+                     *           "variance_mm2": 0.0452
                      *         },
                      *         "submental": {
-                     *           "count": 1270,
-                     *           "l2_norm_mm": 0.0522,
-                     *           "max_mm": 0.0056,
-                     *           "mean_abs_mm": 0.0009,
-                     *           "mean_mm": 0.0007,
-                     *           "p50_mm": 0.0005,
-                     *           "p90_mm": 0.0024,
-                     *           "p95_mm": 0.0037,
-                     *           "rms_mm": 0.0014,
+                     *           "count": 935,
+                     *           "l2_norm_mm": 0.0795,
+                     *           "max_mm": 0.0093,
+                     *           "mean_abs_mm": 0.0017,
+                     *           "mean_mm": 0.0015,
+                     *           "p50_mm": 0.0009,
+                     *           "p90_mm": 0.0041,
+                     *           "p95_mm": 0.0062,
+                     *           "rms_mm": 0.0025,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "upper_lip": {
-                     *           "count": 542,
-                     *           "l2_norm_mm": 40.1958,
-                     *           "max_mm": 2.0331,
-                     *           "mean_abs_mm": 1.7285,
-                     *           "mean_mm": 1.7285,
-                     *           "p50_mm": 1.7384,
-                     *           "p90_mm": 1.9518,
-                     *           "p95_mm": 1.9864,
-                     *           "rms_mm": 1.7367,
+                     *           "count": 495,
+                     *           "l2_norm_mm": 38.8736,
+                     *           "max_mm": 2.0064,
+                     *           "mean_abs_mm": 1.7512,
+                     *           "mean_mm": 1.7512,
+                     *           "p50_mm": 1.7482,
+                     *           "p90_mm": 1.9317,
+                     *           "p95_mm": 1.9571,
+                     *           "rms_mm": 1.7564,
                      *           "share_below_1_mm": 0,
-                     *           "share_below_2_mm": 0.9648,
+                     *           "share_below_2_mm": 0.9971,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0283
+                     *           "variance_mm2": 0.0183
                      *         }
                      *       },
                      *       "correspondence": {
-                     *         "count": 18772,
-                     *         "l2_norm_mm": 73.5042,
-                     *         "max_mm": 2.1077,
-                     *         "mean_abs_mm": 0.2564,
-                     *         "mean_mm": 0.2564,
-                     *         "p50_mm": 0.0184,
-                     *         "p90_mm": 1.0881,
-                     *         "p95_mm": 1.4852,
-                     *         "rms_mm": 0.5458,
-                     *         "share_below_1_mm": 0.8914,
-                     *         "share_below_2_mm": 0.9915,
+                     *         "count": 17569,
+                     *         "l2_norm_mm": 76.2667,
+                     *         "max_mm": 2.1037,
+                     *         "mean_abs_mm": 0.2903,
+                     *         "mean_mm": 0.2903,
+                     *         "p50_mm": 0.0326,
+                     *         "p90_mm": 1.2109,
+                     *         "p95_mm": 1.5898,
+                     *         "rms_mm": 0.5856,
+                     *         "share_below_1_mm": 0.8772,
+                     *         "share_below_2_mm": 0.9926,
                      *         "share_below_3_mm": 1,
-                     *         "variance_mm2": 0.2322
+                     *         "variance_mm2": 0.2587
                      *       },
                      *       "excluded": 0,
                      *       "histogram": [
@@ -8161,172 +8166,172 @@ export interface operations {
                      *       "reference": "target",
                      *       "regions": {
                      *         "cheek_left": {
-                     *           "count": 2883,
-                     *           "l2_norm_mm": 10.6805,
-                     *           "max_mm": 0.9232,
-                     *           "mean_abs_mm": 0.1073,
-                     *           "mean_mm": 0.056,
-                     *           "p50_mm": 0.0519,
-                     *           "p90_mm": 0.3213,
-                     *           "p95_mm": 0.4932,
-                     *           "rms_mm": 0.1954,
-                     *           "share_below_1_mm": 1,
+                     *           "count": 2734,
+                     *           "l2_norm_mm": 12.4979,
+                     *           "max_mm": 1.0561,
+                     *           "mean_abs_mm": 0.1333,
+                     *           "mean_mm": 0.0732,
+                     *           "p50_mm": 0.0713,
+                     *           "p90_mm": 0.3945,
+                     *           "p95_mm": 0.6046,
+                     *           "rms_mm": 0.2339,
+                     *           "share_below_1_mm": 0.9985,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.035
+                     *           "variance_mm2": 0.0494
                      *         },
                      *         "cheek_right": {
-                     *           "count": 2866,
-                     *           "l2_norm_mm": 10.3295,
-                     *           "max_mm": 0.9466,
-                     *           "mean_abs_mm": 0.1036,
-                     *           "mean_mm": 0.0533,
-                     *           "p50_mm": 0.0513,
-                     *           "p90_mm": 0.3096,
-                     *           "p95_mm": 0.4835,
-                     *           "rms_mm": 0.189,
-                     *           "share_below_1_mm": 1,
+                     *           "count": 2766,
+                     *           "l2_norm_mm": 12.7347,
+                     *           "max_mm": 1.0589,
+                     *           "mean_abs_mm": 0.1348,
+                     *           "mean_mm": 0.0759,
+                     *           "p50_mm": 0.071,
+                     *           "p90_mm": 0.4037,
+                     *           "p95_mm": 0.6083,
+                     *           "rms_mm": 0.2375,
+                     *           "share_below_1_mm": 0.9965,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0329
+                     *           "variance_mm2": 0.0506
                      *         },
                      *         "chin": {
-                     *           "count": 1528,
-                     *           "l2_norm_mm": 0.9963,
-                     *           "max_mm": 0.1648,
-                     *           "mean_abs_mm": 0.0122,
-                     *           "mean_mm": 0.0071,
-                     *           "p50_mm": 0.0059,
-                     *           "p90_mm": 0.0213,
-                     *           "p95_mm": 0.0603,
-                     *           "rms_mm": 0.0245,
+                     *           "count": 1416,
+                     *           "l2_norm_mm": 1.5828,
+                     *           "max_mm": 0.2523,
+                     *           "mean_abs_mm": 0.0188,
+                     *           "mean_mm": 0.0153,
+                     *           "p50_mm": 0.0069,
+                     *           "p90_mm": 0.0384,
+                     *           "p95_mm": 0.1092,
+                     *           "rms_mm": 0.0408,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0006
+                     *           "variance_mm2": 0.0014
                      *         },
                      *         "forehead": {
-                     *           "count": 6259,
-                     *           "l2_norm_mm": 0.0016,
-                     *           "max_mm": 0.0005,
+                     *           "count": 5945,
+                     *           "l2_norm_mm": 0.0045,
+                     *           "max_mm": 0.001,
                      *           "mean_abs_mm": 0,
                      *           "mean_mm": 0,
                      *           "p50_mm": 0,
                      *           "p90_mm": 0,
                      *           "p95_mm": 0,
-                     *           "rms_mm": 0,
+                     *           "rms_mm": 0.0001,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "lower_lip": {
-                     *           "count": 835,
-                     *           "l2_norm_mm": 24.7789,
-                     *           "max_mm": 1.7456,
-                     *           "mean_abs_mm": 0.7563,
-                     *           "mean_mm": 0.7563,
-                     *           "p50_mm": 0.6636,
-                     *           "p90_mm": 1.4628,
-                     *           "p95_mm": 1.6007,
-                     *           "rms_mm": 0.8731,
-                     *           "share_below_1_mm": 0.7261,
+                     *           "count": 796,
+                     *           "l2_norm_mm": 28.3767,
+                     *           "max_mm": 1.8526,
+                     *           "mean_abs_mm": 0.9221,
+                     *           "mean_mm": 0.9221,
+                     *           "p50_mm": 0.8848,
+                     *           "p90_mm": 1.6439,
+                     *           "p95_mm": 1.7294,
+                     *           "rms_mm": 1.0255,
+                     *           "share_below_1_mm": 0.6238,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1904
+                     *           "variance_mm2": 0.2014
                      *         },
                      *         "nose": {
-                     *           "count": 1998,
-                     *           "l2_norm_mm": 19.537,
-                     *           "max_mm": 1.845,
-                     *           "mean_abs_mm": 0.2918,
-                     *           "mean_mm": 0.268,
-                     *           "p50_mm": 0.188,
-                     *           "p90_mm": 0.6969,
-                     *           "p95_mm": 0.8269,
-                     *           "rms_mm": 0.4342,
-                     *           "share_below_1_mm": 0.9718,
+                     *           "count": 1902,
+                     *           "l2_norm_mm": 20.2544,
+                     *           "max_mm": 1.8755,
+                     *           "mean_abs_mm": 0.318,
+                     *           "mean_mm": 0.2946,
+                     *           "p50_mm": 0.2159,
+                     *           "p90_mm": 0.7373,
+                     *           "p95_mm": 0.882,
+                     *           "rms_mm": 0.4616,
+                     *           "share_below_1_mm": 0.969,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.1167
+                     *           "variance_mm2": 0.1263
                      *         },
                      *         "paranasal_left": {
-                     *           "count": 274,
-                     *           "l2_norm_mm": 21.1262,
-                     *           "max_mm": 1.6813,
-                     *           "mean_abs_mm": 1.2461,
-                     *           "mean_mm": 1.2461,
-                     *           "p50_mm": 1.2677,
-                     *           "p90_mm": 1.5587,
-                     *           "p95_mm": 1.6024,
-                     *           "rms_mm": 1.2693,
-                     *           "share_below_1_mm": 0.1683,
+                     *           "count": 261,
+                     *           "l2_norm_mm": 21.3568,
+                     *           "max_mm": 1.7234,
+                     *           "mean_abs_mm": 1.2939,
+                     *           "mean_mm": 1.2939,
+                     *           "p50_mm": 1.3107,
+                     *           "p90_mm": 1.5741,
+                     *           "p95_mm": 1.6496,
+                     *           "rms_mm": 1.3129,
+                     *           "share_below_1_mm": 0.0869,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0583
+                     *           "variance_mm2": 0.0495
                      *         },
                      *         "paranasal_right": {
-                     *           "count": 280,
-                     *           "l2_norm_mm": 21.1791,
-                     *           "max_mm": 1.6983,
-                     *           "mean_abs_mm": 1.2292,
-                     *           "mean_mm": 1.2292,
-                     *           "p50_mm": 1.2378,
-                     *           "p90_mm": 1.5742,
-                     *           "p95_mm": 1.6159,
-                     *           "rms_mm": 1.2559,
-                     *           "share_below_1_mm": 0.1946,
+                     *           "count": 245,
+                     *           "l2_norm_mm": 20.6598,
+                     *           "max_mm": 1.676,
+                     *           "mean_abs_mm": 1.2879,
+                     *           "mean_mm": 1.2879,
+                     *           "p50_mm": 1.295,
+                     *           "p90_mm": 1.5539,
+                     *           "p95_mm": 1.6152,
+                     *           "rms_mm": 1.3055,
+                     *           "share_below_1_mm": 0.0895,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0663
+                     *           "variance_mm2": 0.0457
                      *         },
                      *         "submental": {
-                     *           "count": 1297,
-                     *           "l2_norm_mm": 0.0603,
-                     *           "max_mm": 0.0065,
-                     *           "mean_abs_mm": 0.001,
-                     *           "mean_mm": 0.0008,
-                     *           "p50_mm": 0.0005,
-                     *           "p90_mm": 0.0027,
-                     *           "p95_mm": 0.0042,
-                     *           "rms_mm": 0.0016,
+                     *           "count": 973,
+                     *           "l2_norm_mm": 0.091,
+                     *           "max_mm": 0.0106,
+                     *           "mean_abs_mm": 0.0018,
+                     *           "mean_mm": 0.0017,
+                     *           "p50_mm": 0.001,
+                     *           "p90_mm": 0.0047,
+                     *           "p95_mm": 0.0068,
+                     *           "rms_mm": 0.0028,
                      *           "share_below_1_mm": 1,
                      *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
                      *           "variance_mm2": 0
                      *         },
                      *         "upper_lip": {
-                     *           "count": 509,
-                     *           "l2_norm_mm": 39.238,
-                     *           "max_mm": 2.0314,
-                     *           "mean_abs_mm": 1.7437,
-                     *           "mean_mm": 1.7437,
-                     *           "p50_mm": 1.7552,
-                     *           "p90_mm": 1.9335,
-                     *           "p95_mm": 1.9817,
-                     *           "rms_mm": 1.7505,
+                     *           "count": 494,
+                     *           "l2_norm_mm": 38.9938,
+                     *           "max_mm": 1.9963,
+                     *           "mean_abs_mm": 1.7605,
+                     *           "mean_mm": 1.7605,
+                     *           "p50_mm": 1.762,
+                     *           "p90_mm": 1.9227,
+                     *           "p95_mm": 1.9415,
+                     *           "rms_mm": 1.7649,
                      *           "share_below_1_mm": 0,
-                     *           "share_below_2_mm": 0.9774,
+                     *           "share_below_2_mm": 1,
                      *           "share_below_3_mm": 1,
-                     *           "variance_mm2": 0.0238
+                     *           "variance_mm2": 0.0156
                      *         }
                      *       },
                      *       "registration": null,
-                     *       "roughness_mm": 0.0598,
+                     *       "roughness_mm": 0.06,
                      *       "smoothed": {
-                     *         "count": 18772,
-                     *         "l2_norm_mm": 58.0819,
-                     *         "max_mm": 1.8342,
-                     *         "mean_abs_mm": 0.186,
-                     *         "mean_mm": 0.1701,
-                     *         "p50_mm": 0.0053,
-                     *         "p90_mm": 0.6569,
-                     *         "p95_mm": 1.2928,
-                     *         "rms_mm": 0.4338,
-                     *         "share_below_1_mm": 0.9308,
+                     *         "count": 17569,
+                     *         "l2_norm_mm": 60.6458,
+                     *         "max_mm": 1.8158,
+                     *         "mean_abs_mm": 0.212,
+                     *         "mean_mm": 0.1932,
+                     *         "p50_mm": 0.0094,
+                     *         "p90_mm": 0.7724,
+                     *         "p95_mm": 1.3717,
+                     *         "rms_mm": 0.4681,
+                     *         "share_below_1_mm": 0.92,
                      *         "share_below_2_mm": 1,
                      *         "share_below_3_mm": 1,
-                     *         "variance_mm2": 0.1592
+                     *         "variance_mm2": 0.1818
                      *       },
                      *       "values_mm": [
                      *         0,
@@ -8334,19 +8339,19 @@ export interface operations {
                      *       ],
                      *       "warnings": [],
                      *       "whole": {
-                     *         "count": 18772,
-                     *         "l2_norm_mm": 60.5807,
-                     *         "max_mm": 2.0314,
-                     *         "mean_abs_mm": 0.1898,
-                     *         "mean_mm": 0.1704,
-                     *         "p50_mm": 0.005,
-                     *         "p90_mm": 0.6752,
-                     *         "p95_mm": 1.3269,
-                     *         "rms_mm": 0.454,
-                     *         "share_below_1_mm": 0.9299,
-                     *         "share_below_2_mm": 0.9993,
+                     *         "count": 17569,
+                     *         "l2_norm_mm": 62.9742,
+                     *         "max_mm": 1.9963,
+                     *         "mean_abs_mm": 0.216,
+                     *         "mean_mm": 0.1935,
+                     *         "p50_mm": 0.0079,
+                     *         "p90_mm": 0.8206,
+                     *         "p95_mm": 1.4093,
+                     *         "rms_mm": 0.4876,
+                     *         "share_below_1_mm": 0.9198,
+                     *         "share_below_2_mm": 1,
                      *         "share_below_3_mm": 1,
-                     *         "variance_mm2": 0.177
+                     *         "variance_mm2": 0.2003
                      *       }
                      *     }
                      */
@@ -8711,8 +8716,8 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "expires_at": "2026-11-28T23:23:26.145Z",
-                     *       "url": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report?link=1795908206.open.J62UFoN_8a0wngOx-20CDy68s-RFyB2nxZrorKjO5iE"
+                     *       "expires_at": "2026-11-29T03:25:27.469Z",
+                     *       "url": "/v1/jobs/0197a2c0-0000-7000-8000-000000000001/report?link=1795922727.open.uXjaAmnkH-E4UoSg7PwbmaV7faA-G31VxzlAmrUQzJc"
                      *     }
                      */
                     "application/json": components["schemas"]["LinkView"];
@@ -9297,8 +9302,8 @@ export interface operations {
                      *       "next": "/v1/sessions?before=0197a2c0-0000-7000-8000-000000000002&limit=2",
                      *       "sessions": [
                      *         {
-                     *           "bytes": 7002626,
-                     *           "created_at": "2026-11-28T23:18:35.958Z",
+                     *           "bytes": 6879592,
+                     *           "created_at": "2026-11-29T03:20:34.167Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000001",
                      *           "jobs": [],
                      *           "label": "ready mesh",
@@ -9312,8 +9317,8 @@ export interface operations {
                      *               "bytes": 5056680,
                      *               "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T23:18:37.335Z",
-                     *               "wall_s": 1.092
+                     *               "updated_at": "2026-11-29T03:20:34.938Z",
+                     *               "wall_s": 0.6036
                      *             },
                      *             "ct": {
                      *               "bytes": 0,
@@ -9324,6 +9329,10 @@ export interface operations {
                      *               "state": "missing"
                      *             },
                      *             "field_settings": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
+                     *             },
+                     *             "frame": {
                      *               "bytes": 0,
                      *               "state": "missing"
                      *             },
@@ -9352,10 +9361,10 @@ export interface operations {
                      *               "state": "missing"
                      *             },
                      *             "tissue": {
-                     *               "bytes": 1945946,
-                     *               "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
+                     *               "bytes": 1822912,
+                     *               "sha256": "ff22955a0e55112f99c936e32a3a3c49e1e743e0b27f4f044ecba7c88687de64",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T23:18:36.111Z",
+                     *               "updated_at": "2026-11-29T03:20:34.234Z",
                      *               "wall_s": 0
                      *             }
                      *           },
@@ -9363,15 +9372,15 @@ export interface operations {
                      *           "settings": {}
                      *         },
                      *         {
-                     *           "bytes": 39265768,
-                     *           "created_at": "2026-11-28T23:17:38.668Z",
+                     *           "bytes": 39166362,
+                     *           "created_at": "2026-11-29T03:19:56.897Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000002",
                      *           "jobs": [
                      *             {
                      *               "attempt": 1,
-                     *               "created_at": "2026-11-28T23:18:31.130Z",
+                     *               "created_at": "2026-11-29T03:20:30.865Z",
                      *               "eta_s": null,
-                     *               "finished_at": "2026-11-28T23:18:35.855Z",
+                     *               "finished_at": "2026-11-29T03:20:34.098Z",
                      *               "id": "0197a2c0-0000-7000-8000-000000000005",
                      *               "kind": "compare",
                      *               "links": {
@@ -9385,7 +9394,7 @@ export interface operations {
                      *               "queue_position": null,
                      *               "residuals": [],
                      *               "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *               "started_at": "2026-11-28T23:18:31.134Z",
+                     *               "started_at": "2026-11-29T03:20:30.869Z",
                      *               "status": "succeeded",
                      *               "step": 0,
                      *               "steps": 0,
@@ -9393,9 +9402,9 @@ export interface operations {
                      *             },
                      *             {
                      *               "attempt": 1,
-                     *               "created_at": "2026-11-28T23:18:26.231Z",
+                     *               "created_at": "2026-11-29T03:20:27.541Z",
                      *               "eta_s": null,
-                     *               "finished_at": "2026-11-28T23:18:31.015Z",
+                     *               "finished_at": "2026-11-29T03:20:30.801Z",
                      *               "id": "0197a2c0-0000-7000-8000-000000000006",
                      *               "kind": "compare",
                      *               "links": {
@@ -9409,7 +9418,7 @@ export interface operations {
                      *               "queue_position": null,
                      *               "residuals": [],
                      *               "session": "0197a2c0-0000-7000-8000-000000000002",
-                     *               "started_at": "2026-11-28T23:18:26.239Z",
+                     *               "started_at": "2026-11-29T03:20:27.551Z",
                      *               "status": "succeeded",
                      *               "step": 0,
                      *               "steps": 0,
@@ -9430,46 +9439,50 @@ export interface operations {
                      *               "state": "missing"
                      *             },
                      *             "field": {
-                     *               "bytes": 827,
-                     *               "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
+                     *               "bytes": 702,
+                     *               "sha256": "1220a7aa28dc6ac3dfd7f084d373f757e53dfaa83dd2b97209425939df5b431a",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T23:17:55.948Z",
-                     *               "wall_s": 11.47
+                     *               "updated_at": "2026-11-29T03:20:10.293Z",
+                     *               "wall_s": 5.945
                      *             },
                      *             "field_settings": {
                      *               "bytes": 121,
                      *               "sha256": "3a13923abb70ab8e08a117289f391eda8cb39acbc5846b609815929f6bd5bc4a",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T23:17:44.271Z",
+                     *               "updated_at": "2026-11-29T03:20:04.227Z",
                      *               "wall_s": 0
+                     *             },
+                     *             "frame": {
+                     *               "bytes": 0,
+                     *               "state": "missing"
                      *             },
                      *             "landmarks": {
                      *               "bytes": 585,
                      *               "sha256": "1f24ddab13a228fcacf7ea19914f1c2d417f3f1ee2c3e36dfeba6220b350e241",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T23:17:43.232Z",
+                     *               "updated_at": "2026-11-29T03:19:59.446Z",
                      *               "wall_s": 0
                      *             },
                      *             "mesh": {
-                     *               "bytes": 1473,
-                     *               "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
+                     *               "bytes": 1946,
+                     *               "sha256": "d04b568264d25df00d05dddd2f028167704e147f389f6548d2caa1a92830a388",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T23:18:09.411Z",
-                     *               "wall_s": 8.7789
+                     *               "updated_at": "2026-11-29T03:20:17.292Z",
+                     *               "wall_s": 4.2022
                      *             },
                      *             "skin": {
                      *               "bytes": 3918696,
                      *               "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T23:17:39.752Z",
-                     *               "wall_s": 0.9129
+                     *               "updated_at": "2026-11-29T03:19:57.456Z",
+                     *               "wall_s": 0.4818
                      *             },
                      *             "skull": {
                      *               "bytes": 5056680,
                      *               "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T23:17:41.001Z",
-                     *               "wall_s": 1.0504
+                     *               "updated_at": "2026-11-29T03:19:58.261Z",
+                     *               "wall_s": 0.64
                      *             },
                      *             "soft_tissue": {
                      *               "bytes": 0,
@@ -9479,8 +9492,8 @@ export interface operations {
                      *               "bytes": 3918696,
                      *               "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *               "state": "ready",
-                     *               "updated_at": "2026-11-28T23:17:42.657Z",
-                     *               "wall_s": 0.9506
+                     *               "updated_at": "2026-11-29T03:19:59.127Z",
+                     *               "wall_s": 0.4697
                      *             },
                      *             "tissue": {
                      *               "bytes": 0,
@@ -9539,7 +9552,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "bytes": 0,
-                     *       "created_at": "2026-11-28T23:18:35.958Z",
+                     *       "created_at": "2026-11-29T03:20:34.167Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "jobs": [],
                      *       "label": "ready mesh",
@@ -9558,6 +9571,10 @@ export interface operations {
                      *           "state": "missing"
                      *         },
                      *         "field_settings": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "frame": {
                      *           "bytes": 0,
                      *           "state": "missing"
                      *         },
@@ -9632,15 +9649,15 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "bytes": 30122136,
-                     *       "created_at": "2026-11-28T23:17:38.668Z",
+                     *       "bytes": 30022730,
+                     *       "created_at": "2026-11-29T03:19:56.897Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "jobs": [
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T23:18:11.112Z",
+                     *           "created_at": "2026-11-29T03:20:18.526Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T23:18:25.799Z",
+                     *           "finished_at": "2026-11-29T03:20:27.239Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000004",
                      *           "kind": "solve",
                      *           "links": {
@@ -9653,13 +9670,14 @@ export interface operations {
                      *           },
                      *           "notes": [
                      *             {
-                     *               "code": "overlap-at-rest",
-                     *               "message": "step 1: 1 of 195 contact points lie 0.1 to 0.22 mm inside bone at rest; their gap is measured from that position",
+                     *               "action": "Use the locking option `patched`.",
+                     *               "code": "stiff-elements",
+                     *               "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
                      *               "severity": "info"
                      *             },
                      *             {
-                     *               "code": "mucosa-nodes",
-                     *               "message": "165 nodes at teeth and gum glide on bone",
+                     *               "code": "overlap-at-rest",
+                     *               "message": "step 1: 3 of 260 contact points lie 0.1 to 0.25 mm inside bone at rest; their gap is measured from that position",
                      *               "severity": "info"
                      *             }
                      *           ],
@@ -9669,34 +9687,28 @@ export interface operations {
                      *           "progress": 1,
                      *           "queue_position": null,
                      *           "residuals": [
-                     *             0.001,
-                     *             0
+                     *             0.0009,
+                     *             0.0001
                      *           ],
                      *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T23:18:11.118Z",
+                     *           "started_at": "2026-11-29T03:20:18.531Z",
                      *           "status": "succeeded",
                      *           "step": 2,
                      *           "steps": 2,
                      *           "warnings": [
                      *             {
-                     *               "action": "Use the locking option `patched`.",
-                     *               "code": "stiff-elements",
-                     *               "message": "step 1: the Poisson ratio of skin, fat is above 0.48: linear elements are too stiff there, on coarse meshes by a quarter of the movement",
-                     *               "severity": "check"
-                     *             },
-                     *             {
                      *               "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",
                      *               "code": "joined-lips",
-                     *               "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 2.8 mm",
+                     *               "message": "the lips are joined in the mesh, but the upper jaw moves by 5.0 mm and the lower one by 0.0 mm: each lip holds the other, and the line between them moves by 3.3 mm",
                      *               "severity": "check"
                      *             }
                      *           ]
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T23:18:00.415Z",
+                     *           "created_at": "2026-11-29T03:20:12.995Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T23:18:09.423Z",
+                     *           "finished_at": "2026-11-29T03:20:17.297Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000005",
                      *           "kind": "mesh",
                      *           "links": {
@@ -9707,12 +9719,12 @@ export interface operations {
                      *           "notes": [
                      *             {
                      *               "code": "mesh-pockets",
-                     *               "message": "tissue behind narrow necks was left out: 12 pockets with 758 tetrahedra and 8.71 cm³, 1.8 % of the mesh",
+                     *               "message": "tissue behind narrow necks was left out: 10 pockets with 526 tetrahedra and 8.66 cm³, 1.8 % of the mesh",
                      *               "severity": "info"
                      *             },
                      *             {
                      *               "code": "mesh-loose-parts",
-                     *               "message": "4 parts attached to the tissue by fewer than two faces were dropped (6 of 25220 elements)",
+                     *               "message": "5 parts attached to the tissue by fewer than two faces were dropped (15 of 23604 elements)",
                      *               "severity": "info"
                      *             }
                      *           ],
@@ -9722,7 +9734,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T23:18:00.423Z",
+                     *           "started_at": "2026-11-29T03:20:13.003Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -9730,9 +9742,9 @@ export interface operations {
                      *         },
                      *         {
                      *           "attempt": 1,
-                     *           "created_at": "2026-11-28T23:17:44.282Z",
+                     *           "created_at": "2026-11-29T03:20:04.233Z",
                      *           "eta_s": null,
-                     *           "finished_at": "2026-11-28T23:17:56.017Z",
+                     *           "finished_at": "2026-11-29T03:20:10.444Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000006",
                      *           "kind": "field",
                      *           "links": {
@@ -9742,13 +9754,8 @@ export interface operations {
                      *           },
                      *           "notes": [
                      *             {
-                     *               "code": "envelope-parts-dropped",
-                     *               "message": "3 separate parts smaller than 1000 mm³ dropped (3 mm³ in all)",
-                     *               "severity": "info"
-                     *             },
-                     *             {
                      *               "code": "cavities-filled",
-                     *               "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.4 cm³, surface 826.6 cm³",
+                     *               "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.6 cm³, surface 826.6 cm³",
                      *               "severity": "info"
                      *             }
                      *           ],
@@ -9758,7 +9765,7 @@ export interface operations {
                      *           "queue_position": null,
                      *           "residuals": [],
                      *           "session": "0197a2c0-0000-7000-8000-000000000001",
-                     *           "started_at": "2026-11-28T23:17:44.297Z",
+                     *           "started_at": "2026-11-29T03:20:04.237Z",
                      *           "status": "succeeded",
                      *           "step": 0,
                      *           "steps": 0,
@@ -9779,46 +9786,50 @@ export interface operations {
                      *           "state": "missing"
                      *         },
                      *         "field": {
-                     *           "bytes": 827,
-                     *           "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
+                     *           "bytes": 702,
+                     *           "sha256": "1220a7aa28dc6ac3dfd7f084d373f757e53dfaa83dd2b97209425939df5b431a",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T23:17:55.948Z",
-                     *           "wall_s": 11.47
+                     *           "updated_at": "2026-11-29T03:20:10.293Z",
+                     *           "wall_s": 5.945
                      *         },
                      *         "field_settings": {
                      *           "bytes": 121,
                      *           "sha256": "3a13923abb70ab8e08a117289f391eda8cb39acbc5846b609815929f6bd5bc4a",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T23:17:44.271Z",
+                     *           "updated_at": "2026-11-29T03:20:04.227Z",
                      *           "wall_s": 0
+                     *         },
+                     *         "frame": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
                      *         },
                      *         "landmarks": {
                      *           "bytes": 585,
                      *           "sha256": "1f24ddab13a228fcacf7ea19914f1c2d417f3f1ee2c3e36dfeba6220b350e241",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T23:17:43.232Z",
+                     *           "updated_at": "2026-11-29T03:19:59.446Z",
                      *           "wall_s": 0
                      *         },
                      *         "mesh": {
-                     *           "bytes": 1473,
-                     *           "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
+                     *           "bytes": 1946,
+                     *           "sha256": "d04b568264d25df00d05dddd2f028167704e147f389f6548d2caa1a92830a388",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T23:18:09.411Z",
-                     *           "wall_s": 8.7789
+                     *           "updated_at": "2026-11-29T03:20:17.292Z",
+                     *           "wall_s": 4.2022
                      *         },
                      *         "skin": {
                      *           "bytes": 3918696,
                      *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T23:17:39.752Z",
-                     *           "wall_s": 0.9129
+                     *           "updated_at": "2026-11-29T03:19:57.456Z",
+                     *           "wall_s": 0.4818
                      *         },
                      *         "skull": {
                      *           "bytes": 5056680,
                      *           "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T23:17:41.001Z",
-                     *           "wall_s": 1.0504
+                     *           "updated_at": "2026-11-29T03:19:58.261Z",
+                     *           "wall_s": 0.64
                      *         },
                      *         "soft_tissue": {
                      *           "bytes": 0,
@@ -9828,8 +9839,8 @@ export interface operations {
                      *           "bytes": 3918696,
                      *           "sha256": "34afec8c6ea49c72e0cdef1539d0322421cd464ab4dd74cc95fd5e46e060b7bc",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T23:17:42.657Z",
-                     *           "wall_s": 0.9506
+                     *           "updated_at": "2026-11-29T03:19:59.127Z",
+                     *           "wall_s": 0.4697
                      *         },
                      *         "tissue": {
                      *           "bytes": 0,
@@ -10171,7 +10182,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T23:17:23.254Z",
+                     *       "created_at": "2026-11-29T03:19:47.438Z",
                      *       "ct": {
                      *         "bytes": 3037053,
                      *         "format": "nifti",
@@ -10271,26 +10282,21 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "bytes": 827,
+                     *       "bytes": 702,
                      *       "report": {
                      *         "bone": {
-                     *           "bricks": 8668,
-                     *           "checked_points": 3182,
-                     *           "max_error_mm": 0.2849,
-                     *           "memory_bytes": 9233444,
+                     *           "bricks": 8782,
+                     *           "checked_points": 3183,
+                     *           "max_error_mm": 0.2819,
+                     *           "memory_bytes": 9285428,
                      *           "regions": [],
-                     *           "rms_error_mm": 0.0205,
+                     *           "rms_error_mm": 0.0185,
                      *           "warnings": []
                      *         },
                      *         "notes": [
                      *           {
-                     *             "code": "envelope-parts-dropped",
-                     *             "message": "3 separate parts smaller than 1000 mm³ dropped (3 mm³ in all)",
-                     *             "severity": "info"
-                     *           },
-                     *           {
                      *             "code": "cavities-filled",
-                     *             "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.4 cm³, surface 826.6 cm³",
+                     *             "message": "cavities and openings narrower than 4.0 mm were filled, and so were regions that see too little of the outside: envelope 1873.6 cm³, surface 826.6 cm³",
                      *             "severity": "info"
                      *           }
                      *         ],
@@ -10303,12 +10309,12 @@ export interface operations {
                      *           "spacing_mm": 0.8
                      *         },
                      *         "skin": {
-                     *           "bricks": 9903,
+                     *           "bricks": 10038,
                      *           "checked_points": 3073,
-                     *           "max_error_mm": 0.062,
-                     *           "memory_bytes": 10763456,
+                     *           "max_error_mm": 0.0567,
+                     *           "memory_bytes": 10901696,
                      *           "regions": [],
-                     *           "rms_error_mm": 0.0036,
+                     *           "rms_error_mm": 0.0037,
                      *           "warnings": []
                      *         },
                      *         "warnings": []
@@ -10321,10 +10327,10 @@ export interface operations {
                      *         "method": "adaptive",
                      *         "spacing_mm": 0.8
                      *       },
-                     *       "sha256": "8b59448d312d160039cd14df10067182167c13044aa6b7d8e36acab25953c79f",
+                     *       "sha256": "1220a7aa28dc6ac3dfd7f084d373f757e53dfaa83dd2b97209425939df5b431a",
                      *       "state": "ready",
-                     *       "updated_at": "2026-11-28T23:17:55.948Z",
-                     *       "wall_s": 11.47
+                     *       "updated_at": "2026-11-29T03:20:10.293Z",
+                     *       "wall_s": 5.945
                      *     }
                      */
                     "application/json": components["schemas"]["FieldView"];
@@ -10376,7 +10382,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T23:17:44.282Z",
+                     *       "created_at": "2026-11-29T03:20:04.233Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -10443,23 +10449,23 @@ export interface operations {
                      * @example {
                      *       "closest_points_mm": [
                      *         [
-                     *           12.5407,
-                     *           -79.6514,
-                     *           40.2706
+                     *           12.4851,
+                     *           -79.6126,
+                     *           40.2292
                      *         ]
                      *       ],
                      *       "distances_mm": [
-                     *         11.9353
+                     *         11.9409
                      *       ],
                      *       "gradients": [
                      *         [
-                     *           -0.2377,
-                     *           -0.7665,
-                     *           0.2343
+                     *           -0.1658,
+                     *           -0.7917,
+                     *           0.2134
                      *         ]
                      *       ],
                      *       "triangles": [
-                     *         101588
+                     *         99684
                      *       ]
                      *     }
                      */
@@ -10594,6 +10600,41 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "asymmetry_mm": 0.0071,
+                     *       "back": [
+                     *         0,
+                     *         0.999,
+                     *         -0.0439
+                     *       ],
+                     *       "basis": "landmarks",
+                     *       "confidence": 0.6591,
+                     *       "landmarks": 23,
+                     *       "left": [
+                     *         1,
+                     *         0,
+                     *         0
+                     *       ],
+                     *       "origin_mm": [
+                     *         0.0004,
+                     *         -85.435,
+                     *         2.9611
+                     *       ],
+                     *       "pitch_roll_yaw_deg": [
+                     *         -2.5158,
+                     *         -0.0003,
+                     *         0.0001
+                     *       ],
+                     *       "unlike_mm": 6.1353,
+                     *       "up": [
+                     *         0,
+                     *         0.0439,
+                     *         0.999
+                     *       ],
+                     *       "warnings": []
+                     *     }
+                     */
                     "application/json": components["schemas"]["FrameDocument"];
                 };
             };
@@ -10634,6 +10675,30 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example {
+                     *       "back": [
+                     *         0,
+                     *         0.999,
+                     *         -0.0439
+                     *       ],
+                     *       "left": [
+                     *         1,
+                     *         0,
+                     *         0
+                     *       ],
+                     *       "origin_mm": [
+                     *         0.0004,
+                     *         -85.435,
+                     *         2.9611
+                     *       ],
+                     *       "up": [
+                     *         0,
+                     *         0.0439,
+                     *         0.999
+                     *       ]
+                     *     }
+                     */
                     "application/json": components["schemas"]["FrameRequest"];
                 };
             };
@@ -10716,7 +10781,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T23:18:11.112Z",
+                     *       "created_at": "2026-11-29T03:20:18.526Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -11003,31 +11068,31 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "bytes": 1473,
+                     *       "bytes": 1946,
                      *       "report": {
                      *         "cartilage": 0,
                      *         "inverted": 0,
-                     *         "max_dihedral_deg": 159.7835,
-                     *         "max_skin_distance_mm": 0.22,
-                     *         "min_dihedral_deg": 11.6971,
-                     *         "min_scaled_jacobian": 0.2504,
-                     *         "muscle_share": 0.4993,
-                     *         "nodes": 7937,
+                     *         "max_dihedral_deg": 159.8575,
+                     *         "max_skin_distance_mm": 0.2198,
+                     *         "min_dihedral_deg": 11.8776,
+                     *         "min_scaled_jacobian": 0.2502,
+                     *         "muscle_share": 0.502,
+                     *         "nodes": 7424,
                      *         "non_manifold_edges": 0,
                      *         "notes": [
                      *           {
                      *             "code": "mesh-pockets",
-                     *             "message": "tissue behind narrow necks was left out: 12 pockets with 758 tetrahedra and 8.71 cm³, 1.8 % of the mesh",
+                     *             "message": "tissue behind narrow necks was left out: 10 pockets with 526 tetrahedra and 8.66 cm³, 1.8 % of the mesh",
                      *             "severity": "info"
                      *           },
                      *           {
                      *             "code": "mesh-loose-parts",
-                     *             "message": "4 parts attached to the tissue by fewer than two faces were dropped (6 of 25220 elements)",
+                     *             "message": "5 parts attached to the tissue by fewer than two faces were dropped (15 of 23604 elements)",
                      *             "severity": "info"
                      *           }
                      *         ],
                      *         "osteotomy": "0197a2c0-0000-7000-8000-000000000001",
-                     *         "prisms": 3940,
+                     *         "prisms": 3835,
                      *         "settings": {
                      *           "depth_mm": 30,
                      *           "edge_mm": 7,
@@ -11035,15 +11100,15 @@ export interface operations {
                      *           "region": null,
                      *           "skin_thickness_mm": 1.5
                      *         },
-                     *         "tetrahedra": 21274,
+                     *         "tetrahedra": 19754,
                      *         "tissue_from_ct": false,
-                     *         "volume_error": -0.0148,
+                     *         "volume_error": -0.0218,
                      *         "warnings": []
                      *       },
-                     *       "sha256": "10757b6e4f4c9fc9630558086e9c2a7fcc876d56b59c8cee600434a8562875c2",
+                     *       "sha256": "d04b568264d25df00d05dddd2f028167704e147f389f6548d2caa1a92830a388",
                      *       "state": "ready",
-                     *       "updated_at": "2026-11-28T23:18:09.411Z",
-                     *       "wall_s": 8.7789
+                     *       "updated_at": "2026-11-29T03:20:17.292Z",
+                     *       "wall_s": 4.2022
                      *     }
                      */
                     "application/json": components["schemas"]["MeshView"];
@@ -11094,7 +11159,7 @@ export interface operations {
                     /**
                      * @example {
                      *       "attempt": 0,
-                     *       "created_at": "2026-11-28T23:18:00.415Z",
+                     *       "created_at": "2026-11-29T03:20:12.995Z",
                      *       "eta_s": null,
                      *       "finished_at": null,
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
@@ -11157,9 +11222,9 @@ export interface operations {
                      * @example {
                      *       "osteotomies": [
                      *         {
-                     *           "bone_mm3": 1873416.0807,
+                     *           "bone_mm3": 1873612.7042,
                      *           "clearances": [],
-                     *           "created_at": "2026-11-28T23:18:00.361Z",
+                     *           "created_at": "2026-11-29T03:20:12.974Z",
                      *           "cuts": [
                      *             {
                      *               "kerf_mm": 0,
@@ -11180,7 +11245,7 @@ export interface operations {
                      *                   1
                      *                 ],
                      *                 "point_mm": [
-                     *                   0,
+                     *                   -0.0002,
                      *                   -69.5,
                      *                   32
                      *                 ]
@@ -11198,7 +11263,7 @@ export interface operations {
                      *                     0
                      *                   ],
                      *                   "half_length_mm": 38,
-                     *                   "half_width_mm": 18
+                     *                   "half_width_mm": 18.5269
                      *                 },
                      *                 "normal": [
                      *                   0,
@@ -11206,9 +11271,9 @@ export interface operations {
                      *                   0
                      *                 ],
                      *                 "point_mm": [
-                     *                   0,
+                     *                   -0.0003,
                      *                   -39,
-                     *                   16
+                     *                   15.4731
                      *                 ]
                      *               },
                      *               "purpose": "osteotomy"
@@ -11232,9 +11297,9 @@ export interface operations {
                      *                   1
                      *                 ],
                      *                 "point_mm": [
-                     *                   0,
+                     *                   -0.0002,
                      *                   -69.5,
-                     *                   0
+                     *                   -1.0538
                      *                 ]
                      *               },
                      *               "purpose": "separation"
@@ -11245,7 +11310,7 @@ export interface operations {
                      *           "label": null,
                      *           "segments": [
                      *             {
-                     *               "area_mm2": 108740.14,
+                     *               "area_mm2": 108548.8418,
                      *               "bounded_by": [
                      *                 0,
                      *                 1,
@@ -11253,30 +11318,30 @@ export interface operations {
                      *               ],
                      *               "centroid_mm": [
                      *                 -0.0003,
-                     *                 -1.729,
-                     *                 89.2447
+                     *                 -1.7168,
+                     *                 89.2633
                      *               ],
                      *               "id": 0,
                      *               "name": "skull",
-                     *               "triangles": 310296,
-                     *               "volume_mm3": 1823562.5712
+                     *               "triangles": 309920,
+                     *               "volume_mm3": 1823247.9501
                      *             },
                      *             {
-                     *               "area_mm2": 10657.7075,
+                     *               "area_mm2": 10928.5634,
                      *               "bounded_by": [
                      *                 0,
                      *                 1,
                      *                 2
                      *               ],
                      *               "centroid_mm": [
-                     *                 0.0004,
-                     *                 -59.8994,
-                     *                 19.2381
+                     *                 0.002,
+                     *                 -59.9378,
+                     *                 19.0959
                      *               ],
                      *               "id": 1,
                      *               "name": "maxilla",
-                     *               "triangles": 26988,
-                     *               "volume_mm3": 49678.6382
+                     *               "triangles": 28336,
+                     *               "volume_mm3": 50166.1721
                      *             }
                      *           ],
                      *           "stale": false,
@@ -11284,7 +11349,7 @@ export interface operations {
                      *           "templates": [
                      *             "le_fort_1"
                      *           ],
-                     *           "wall_s": 2.0509,
+                     *           "wall_s": 1.1733,
                      *           "warnings": []
                      *         }
                      *       ]
@@ -11336,9 +11401,9 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "bone_mm3": 1873416.0807,
+                     *       "bone_mm3": 1873612.7042,
                      *       "clearances": [],
-                     *       "created_at": "2026-11-28T23:18:00.361Z",
+                     *       "created_at": "2026-11-29T03:20:12.974Z",
                      *       "cuts": [
                      *         {
                      *           "kerf_mm": 0,
@@ -11359,7 +11424,7 @@ export interface operations {
                      *               1
                      *             ],
                      *             "point_mm": [
-                     *               0,
+                     *               -0.0002,
                      *               -69.5,
                      *               32
                      *             ]
@@ -11377,7 +11442,7 @@ export interface operations {
                      *                 0
                      *               ],
                      *               "half_length_mm": 38,
-                     *               "half_width_mm": 18
+                     *               "half_width_mm": 18.5269
                      *             },
                      *             "normal": [
                      *               0,
@@ -11385,9 +11450,9 @@ export interface operations {
                      *               0
                      *             ],
                      *             "point_mm": [
-                     *               0,
+                     *               -0.0003,
                      *               -39,
-                     *               16
+                     *               15.4731
                      *             ]
                      *           },
                      *           "purpose": "osteotomy"
@@ -11411,9 +11476,9 @@ export interface operations {
                      *               1
                      *             ],
                      *             "point_mm": [
-                     *               0,
+                     *               -0.0002,
                      *               -69.5,
-                     *               0
+                     *               -1.0538
                      *             ]
                      *           },
                      *           "purpose": "separation"
@@ -11424,7 +11489,7 @@ export interface operations {
                      *       "label": null,
                      *       "segments": [
                      *         {
-                     *           "area_mm2": 108740.14,
+                     *           "area_mm2": 108548.8418,
                      *           "bounded_by": [
                      *             0,
                      *             1,
@@ -11432,30 +11497,30 @@ export interface operations {
                      *           ],
                      *           "centroid_mm": [
                      *             -0.0003,
-                     *             -1.729,
-                     *             89.2447
+                     *             -1.7168,
+                     *             89.2633
                      *           ],
                      *           "id": 0,
                      *           "name": "skull",
-                     *           "triangles": 310296,
-                     *           "volume_mm3": 1823562.5712
+                     *           "triangles": 309920,
+                     *           "volume_mm3": 1823247.9501
                      *         },
                      *         {
-                     *           "area_mm2": 10657.7075,
+                     *           "area_mm2": 10928.5634,
                      *           "bounded_by": [
                      *             0,
                      *             1,
                      *             2
                      *           ],
                      *           "centroid_mm": [
-                     *             0.0004,
-                     *             -59.8994,
-                     *             19.2381
+                     *             0.002,
+                     *             -59.9378,
+                     *             19.0959
                      *           ],
                      *           "id": 1,
                      *           "name": "maxilla",
-                     *           "triangles": 26988,
-                     *           "volume_mm3": 49678.6382
+                     *           "triangles": 28336,
+                     *           "volume_mm3": 50166.1721
                      *         }
                      *       ],
                      *       "stale": false,
@@ -11463,7 +11528,7 @@ export interface operations {
                      *       "templates": [
                      *         "le_fort_1"
                      *       ],
-                     *       "wall_s": 2.0509,
+                     *       "wall_s": 1.1733,
                      *       "warnings": []
                      *     }
                      */
@@ -11529,7 +11594,7 @@ export interface operations {
                      *               1
                      *             ],
                      *             "point_mm": [
-                     *               0,
+                     *               -0.0002,
                      *               -69.5,
                      *               32
                      *             ]
@@ -11547,7 +11612,7 @@ export interface operations {
                      *                 0
                      *               ],
                      *               "half_length_mm": 38,
-                     *               "half_width_mm": 18
+                     *               "half_width_mm": 18.5269
                      *             },
                      *             "normal": [
                      *               0,
@@ -11555,9 +11620,9 @@ export interface operations {
                      *               0
                      *             ],
                      *             "point_mm": [
-                     *               0,
+                     *               -0.0003,
                      *               -39,
-                     *               16
+                     *               15.4731
                      *             ]
                      *           },
                      *           "purpose": "osteotomy"
@@ -11581,9 +11646,9 @@ export interface operations {
                      *               1
                      *             ],
                      *             "point_mm": [
-                     *               0,
+                     *               -0.0002,
                      *               -69.5,
-                     *               0
+                     *               -1.0538
                      *             ]
                      *           },
                      *           "purpose": "separation"
@@ -11632,9 +11697,9 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "bone_mm3": 1873416.0807,
+                     *       "bone_mm3": 1873612.7042,
                      *       "clearances": [],
-                     *       "created_at": "2026-11-28T23:18:00.361Z",
+                     *       "created_at": "2026-11-29T03:20:12.974Z",
                      *       "cuts": [
                      *         {
                      *           "kerf_mm": 0,
@@ -11655,7 +11720,7 @@ export interface operations {
                      *               1
                      *             ],
                      *             "point_mm": [
-                     *               0,
+                     *               -0.0002,
                      *               -69.5,
                      *               32
                      *             ]
@@ -11673,7 +11738,7 @@ export interface operations {
                      *                 0
                      *               ],
                      *               "half_length_mm": 38,
-                     *               "half_width_mm": 18
+                     *               "half_width_mm": 18.5269
                      *             },
                      *             "normal": [
                      *               0,
@@ -11681,9 +11746,9 @@ export interface operations {
                      *               0
                      *             ],
                      *             "point_mm": [
-                     *               0,
+                     *               -0.0003,
                      *               -39,
-                     *               16
+                     *               15.4731
                      *             ]
                      *           },
                      *           "purpose": "osteotomy"
@@ -11707,9 +11772,9 @@ export interface operations {
                      *               1
                      *             ],
                      *             "point_mm": [
-                     *               0,
+                     *               -0.0002,
                      *               -69.5,
-                     *               0
+                     *               -1.0538
                      *             ]
                      *           },
                      *           "purpose": "separation"
@@ -11720,7 +11785,7 @@ export interface operations {
                      *       "label": null,
                      *       "segments": [
                      *         {
-                     *           "area_mm2": 108740.14,
+                     *           "area_mm2": 108548.8418,
                      *           "bounded_by": [
                      *             0,
                      *             1,
@@ -11728,30 +11793,30 @@ export interface operations {
                      *           ],
                      *           "centroid_mm": [
                      *             -0.0003,
-                     *             -1.729,
-                     *             89.2447
+                     *             -1.7168,
+                     *             89.2633
                      *           ],
                      *           "id": 0,
                      *           "name": "skull",
-                     *           "triangles": 310296,
-                     *           "volume_mm3": 1823562.5712
+                     *           "triangles": 309920,
+                     *           "volume_mm3": 1823247.9501
                      *         },
                      *         {
-                     *           "area_mm2": 10657.7075,
+                     *           "area_mm2": 10928.5634,
                      *           "bounded_by": [
                      *             0,
                      *             1,
                      *             2
                      *           ],
                      *           "centroid_mm": [
-                     *             0.0004,
-                     *             -59.8994,
-                     *             19.2381
+                     *             0.002,
+                     *             -59.9378,
+                     *             19.0959
                      *           ],
                      *           "id": 1,
                      *           "name": "maxilla",
-                     *           "triangles": 26988,
-                     *           "volume_mm3": 49678.6382
+                     *           "triangles": 28336,
+                     *           "volume_mm3": 50166.1721
                      *         }
                      *       ],
                      *       "stale": false,
@@ -11759,7 +11824,7 @@ export interface operations {
                      *       "templates": [
                      *         "le_fort_1"
                      *       ],
-                     *       "wall_s": 2.0509,
+                     *       "wall_s": 1.1733,
                      *       "warnings": []
                      *     }
                      */
@@ -11896,7 +11961,7 @@ export interface operations {
                      * @example {
                      *       "plans": [
                      *         {
-                     *           "created_at": "2026-11-28T23:18:09.584Z",
+                     *           "created_at": "2026-11-29T03:20:17.404Z",
                      *           "id": "0197a2c0-0000-7000-8000-000000000001",
                      *           "label": null,
                      *           "measured": true,
@@ -11940,17 +12005,17 @@ export interface operations {
                      *             {
                      *               "along": [
                      *                 {
-                     *                   "gap_mm": 0.0007,
-                     *                   "gap_mm3": 59.4454,
+                     *                   "gap_mm": 0.0006,
+                     *                   "gap_mm3": 51.7164,
                      *                   "overlap_mm": 0,
-                     *                   "overlap_mm3": 7.1528,
+                     *                   "overlap_mm3": 26.3981,
                      *                   "t": 0
                      *                 },
                      *                 {
-                     *                   "gap_mm": 0.1933,
-                     *                   "gap_mm3": 620.151,
-                     *                   "overlap_mm": 0,
-                     *                   "overlap_mm3": 0.25,
+                     *                   "gap_mm": 0.1928,
+                     *                   "gap_mm3": 620.5104,
+                     *                   "overlap_mm": 0.0047,
+                     *                   "overlap_mm3": 19.5602,
                      *                   "t": 0.1
                      *                 }
                      *               ],
@@ -11964,7 +12029,7 @@ export interface operations {
                      *               "segment": 1
                      *             }
                      *           ],
-                     *           "wall_s": 1.4058,
+                     *           "wall_s": 0.9979,
                      *           "warnings": []
                      *         }
                      *       ]
@@ -12016,7 +12081,7 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "created_at": "2026-11-28T23:18:09.584Z",
+                     *       "created_at": "2026-11-29T03:20:17.404Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "label": null,
                      *       "measured": false,
@@ -12069,7 +12134,7 @@ export interface operations {
                      *           "segment": 1
                      *         }
                      *       ],
-                     *       "wall_s": 0.0007,
+                     *       "wall_s": 0.0024,
                      *       "warnings": []
                      *     }
                      */
@@ -12113,7 +12178,7 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "created_at": "2026-11-28T23:18:09.584Z",
+                     *       "created_at": "2026-11-29T03:20:17.404Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "label": null,
                      *       "measured": true,
@@ -12157,17 +12222,17 @@ export interface operations {
                      *         {
                      *           "along": [
                      *             {
-                     *               "gap_mm": 0.0007,
-                     *               "gap_mm3": 59.4454,
+                     *               "gap_mm": 0.0006,
+                     *               "gap_mm3": 51.7164,
                      *               "overlap_mm": 0,
-                     *               "overlap_mm3": 7.1528,
+                     *               "overlap_mm3": 26.3981,
                      *               "t": 0
                      *             },
                      *             {
-                     *               "gap_mm": 0.1933,
-                     *               "gap_mm3": 620.151,
-                     *               "overlap_mm": 0,
-                     *               "overlap_mm3": 0.25,
+                     *               "gap_mm": 0.1928,
+                     *               "gap_mm3": 620.5104,
+                     *               "overlap_mm": 0.0047,
+                     *               "overlap_mm3": 19.5602,
                      *               "t": 0.1
                      *             }
                      *           ],
@@ -12181,7 +12246,7 @@ export interface operations {
                      *           "segment": 1
                      *         }
                      *       ],
-                     *       "wall_s": 1.4058,
+                     *       "wall_s": 0.9979,
                      *       "warnings": []
                      *     }
                      */
@@ -12259,8 +12324,8 @@ export interface operations {
                 content: {
                     /**
                      * @example {
-                     *       "bytes": 7002626,
-                     *       "created_at": "2026-11-28T23:18:35.958Z",
+                     *       "bytes": 6879592,
+                     *       "created_at": "2026-11-29T03:20:34.167Z",
                      *       "id": "0197a2c0-0000-7000-8000-000000000001",
                      *       "jobs": [],
                      *       "label": "ready mesh",
@@ -12274,8 +12339,8 @@ export interface operations {
                      *           "bytes": 5056680,
                      *           "sha256": "50af1c01e49a18a01ef09127ec538e5b96aa422b6cad685b05c8fe581d20ea4f",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T23:18:37.335Z",
-                     *           "wall_s": 1.092
+                     *           "updated_at": "2026-11-29T03:20:34.938Z",
+                     *           "wall_s": 0.6036
                      *         },
                      *         "ct": {
                      *           "bytes": 0,
@@ -12286,6 +12351,10 @@ export interface operations {
                      *           "state": "missing"
                      *         },
                      *         "field_settings": {
+                     *           "bytes": 0,
+                     *           "state": "missing"
+                     *         },
+                     *         "frame": {
                      *           "bytes": 0,
                      *           "state": "missing"
                      *         },
@@ -12314,10 +12383,10 @@ export interface operations {
                      *           "state": "missing"
                      *         },
                      *         "tissue": {
-                     *           "bytes": 1945946,
-                     *           "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
+                     *           "bytes": 1822912,
+                     *           "sha256": "ff22955a0e55112f99c936e32a3a3c49e1e743e0b27f4f044ecba7c88687de64",
                      *           "state": "ready",
-                     *           "updated_at": "2026-11-28T23:18:36.111Z",
+                     *           "updated_at": "2026-11-29T03:20:34.234Z",
                      *           "wall_s": 0
                      *         }
                      *       },
@@ -12872,39 +12941,39 @@ export interface operations {
                     /**
                      * @example {
                      *       "buried_wedges": 0,
-                     *       "bytes": 1945946,
-                     *       "free_nodes": 5780,
+                     *       "bytes": 1822912,
+                     *       "free_nodes": 5438,
                      *       "gliding_nodes": {
-                     *         "0": 187,
-                     *         "1": 93
+                     *         "0": 127,
+                     *         "1": 109
                      *       },
                      *       "held_nodes": 0,
                      *       "loaded_nodes": 0,
                      *       "max_mm": [
-                     *         71.3377,
-                     *         -22.272,
-                     *         95.1909
+                     *         72.0395,
+                     *         -19.1952,
+                     *         95.2948
                      *       ],
                      *       "min_mm": [
-                     *         -71.3383,
-                     *         -112.1708,
-                     *         -61.0234
+                     *         -72.0395,
+                     *         -112.1232,
+                     *         -57.9472
                      *       ],
-                     *       "nodes": 7937,
-                     *       "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
-                     *       "sliding_nodes": 48,
-                     *       "tetrahedra": 21274,
+                     *       "nodes": 7424,
+                     *       "sha256": "ff22955a0e55112f99c936e32a3a3c49e1e743e0b27f4f044ecba7c88687de64",
+                     *       "sliding_nodes": 68,
+                     *       "tetrahedra": 19754,
                      *       "tied_nodes": {
-                     *         "0": 1822,
-                     *         "1": 7
+                     *         "0": 1669,
+                     *         "1": 13
                      *       },
                      *       "tissues": {
-                     *         "fat": 10891,
-                     *         "muscle": 10383,
-                     *         "skin": 3940
+                     *         "fat": 10399,
+                     *         "muscle": 9355,
+                     *         "skin": 3835
                      *       },
                      *       "warnings": [],
-                     *       "wedges": 3940
+                     *       "wedges": 3835
                      *     }
                      */
                     "application/json": components["schemas"]["TissueDocument"];
@@ -12961,39 +13030,39 @@ export interface operations {
                     /**
                      * @example {
                      *       "buried_wedges": 0,
-                     *       "bytes": 1945946,
-                     *       "free_nodes": 5780,
+                     *       "bytes": 1822912,
+                     *       "free_nodes": 5438,
                      *       "gliding_nodes": {
-                     *         "0": 187,
-                     *         "1": 93
+                     *         "0": 127,
+                     *         "1": 109
                      *       },
                      *       "held_nodes": 0,
                      *       "loaded_nodes": 0,
                      *       "max_mm": [
-                     *         71.3377,
-                     *         -22.272,
-                     *         95.1909
+                     *         72.0395,
+                     *         -19.1952,
+                     *         95.2948
                      *       ],
                      *       "min_mm": [
-                     *         -71.3383,
-                     *         -112.1708,
-                     *         -61.0234
+                     *         -72.0395,
+                     *         -112.1232,
+                     *         -57.9472
                      *       ],
-                     *       "nodes": 7937,
-                     *       "sha256": "e07e2f978ed291689f9060a50116074061e40c79de417543e40f17fa89e4b47c",
-                     *       "sliding_nodes": 48,
-                     *       "tetrahedra": 21274,
+                     *       "nodes": 7424,
+                     *       "sha256": "ff22955a0e55112f99c936e32a3a3c49e1e743e0b27f4f044ecba7c88687de64",
+                     *       "sliding_nodes": 68,
+                     *       "tetrahedra": 19754,
                      *       "tied_nodes": {
-                     *         "0": 1822,
-                     *         "1": 7
+                     *         "0": 1669,
+                     *         "1": 13
                      *       },
                      *       "tissues": {
-                     *         "fat": 10891,
-                     *         "muscle": 10383,
-                     *         "skin": 3940
+                     *         "fat": 10399,
+                     *         "muscle": 9355,
+                     *         "skin": 3835
                      *       },
                      *       "warnings": [],
-                     *       "wedges": 3940
+                     *       "wedges": 3835
                      *     }
                      */
                     "application/json": components["schemas"]["TissueDocument"];

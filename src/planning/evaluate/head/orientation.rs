@@ -3,13 +3,13 @@
 use nalgebra::{Matrix2, Matrix3, Rotation3, UnitQuaternion};
 use rayon::prelude::*;
 
-use super::super::EvaluateError;
-use super::super::consistency::Pose;
 use super::symmetry::MirrorPlane;
 use super::tuning::{
     BONE_FRONT_MM, CLEAR_WORTH, ENOUGH_LANDMARKS, LEVEL_DEG, MOST_IN_FRONT, PITCH_STEP_DEG, SEARCH_ROUNDS, SIZES,
     SKIN_FRONT_MM, SNAP_DEG, UNLIKE_MM, VARIED, VARIED_DEG,
 };
+use crate::evaluate::EvaluateError;
+use crate::evaluate::consistency::Pose;
 use crate::plan::propose;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector};

@@ -3,12 +3,12 @@
 use nalgebra::{Matrix3, SymmetricEigen};
 use rayon::prelude::*;
 
-use super::super::EvaluateError;
-use super::super::distance::Surface;
 use super::tuning::{
     COARSE_ROUNDS, COARSE_SAMPLES, CORE_MM, FINE_ROUNDS, KEPT, MIDDLE_ROUNDS, MIDDLE_SAMPLES, SAME_PLANE_DEG,
     TRIMMED_SHARE,
 };
+use crate::evaluate::EvaluateError;
+use crate::evaluate::distance::Surface;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, Vector};
 

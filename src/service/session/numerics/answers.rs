@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use super::super::clinical::{clinical_of, moved_bones};
-use super::super::kept;
-use super::super::scene::{bone_fields, solve_scene};
-use super::super::tissue_file::tissue_file;
-use super::super::{
+use super::{FIELDS, Numerics, TISSUES};
+use crate::clinical::{clinical_of, moved_bones};
+use crate::kept;
+use crate::scene::{bone_fields, solve_scene};
+use crate::tissue_file::tissue_file;
+use crate::{
     Case, Engine, Kept, OtherSurface, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest, key_of,
 };
-use super::{FIELDS, Numerics, TISSUES};
 use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid, import_fault};
 use prosopon_field::{CheckedDistance, ExactDistance, FieldReport, SignedField};
 use prosopon_formats::import;

@@ -1,9 +1,9 @@
 //! Cuts, solves and comparisons in the frame of the head.
 
-use super::super::framed::{Framed, WatchBack};
-use super::super::path_solve::{PathSolve, Ready, solve_path};
-use super::super::{Case, Engine, Kept, Run, RunWatch, TissueRequest};
 use super::Numerics;
+use crate::framed::{Framed, WatchBack};
+use crate::path_solve::{PathSolve, Ready, solve_path};
+use crate::{Case, Engine, Kept, Run, RunWatch, TissueRequest};
 use prosopon_contract::{Cuts, Fault, FaultKind, Halt};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{TriMesh, Vector, Warning};

@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use prosopon_geometry::{Motion, Point};
 use prosopon_planning::evaluate::{BeforeAfter, Clinical, NamedPoint, NoRatio, ProfilePiece, SoftToHard};
 
 /// Movement of a named point from rest to the end of the path.
@@ -10,11 +11,15 @@ pub struct NamedPointDocument {
     pub name: String,
     /// Position at rest, LPS mm.
     pub position_mm: [f64; 3],
-    /// Movement forward (towards -y), mm.
+    /// The same seen from the side, where the profile is: to the back and up from the origin of the head's frame, mm. Absent in reports of
+    /// earlier versions, whose profile lay in LPS.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub side_yz_mm: Option<[f64; 2]>,
+    /// Movement forward in the frame of the head, mm.
     pub forward_mm: f64,
-    /// Movement down (towards -z), mm.
+    /// Movement down in the frame of the head, mm.
     pub down_mm: f64,
-    /// Movement to the patient's left (+x), mm.
+    /// Movement to the patient's left in the frame of the head, mm.
     pub left_mm: f64,
     /// Whether the point was found by the program and no person has confirmed it.
     pub proposed: bool,
@@ -34,7 +39,16 @@ pub struct SoftToHardDocument {
     pub reason: Option<String>,
 }
 
-/// A piece of the profile line, as points [y, z] in LPS mm; the same points of skin before and after.
+impl NamedPointDocument {
+    /// Where it lies seen from the side, in the plane of the profile, mm.
+    #[must_use]
+    pub fn side_mm(&self) -> [f64; 2] {
+        let [_, y, z] = self.position_mm;
+        self.side_yz_mm.unwrap_or([y, z])
+    }
+}
+
+/// A piece of the profile line, as points [y, z] to the back and up in the frame of the head, mm; the same points of skin before and after.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProfilePieceDocument {
     /// At rest, from forehead to neck.
@@ -81,17 +95,19 @@ pub struct ClinicalDocument {
 }
 
 impl ClinicalDocument {
-    /// The document of a measurement.
+    /// The document of a measurement in the frame of the head, from which `back` maps to LPS.
     ///
     /// `unconfirmed` names the landmarks that were stored but not confirmed; `midline_given` is whether the midline was stored.
     #[must_use]
-    pub fn new(c: &Clinical, unconfirmed: &[String], midline_given: bool) -> Self {
+    pub fn new(c: &Clinical, back: &Motion, unconfirmed: &[String], midline_given: bool) -> Self {
+        let near = c.soft.first().map_or_else(Point::origin, |p| p.rest);
         let is_unconfirmed = |name: &str| unconfirmed.iter().any(|n| n == name);
         let point = |p: &NamedPoint| {
             let moved = p.movement();
             NamedPointDocument {
                 name: p.name.to_owned(),
-                position_mm: p.rest.coords.into(),
+                position_mm: (back * p.rest).coords.into(),
+                side_yz_mm: Some(rounded(&[p.rest.y, p.rest.z])),
                 forward_mm: -moved.y,
                 down_mm: -moved.z,
                 left_mm: moved.x,
@@ -104,7 +120,7 @@ impl ClinicalDocument {
             after_yz_mm: p.after.iter().map(rounded).collect(),
         };
         Self {
-            midline_x_mm: c.midline_x_mm,
+            midline_x_mm: (back * Point::new(c.midline_x_mm, near.y, near.z)).x,
             midline_proposed: !midline_given || is_unconfirmed("midline_x_mm"),
             soft_points: c.soft.iter().map(point).collect(),
             hard_points: c.hard.iter().map(point).collect(),
@@ -138,7 +154,6 @@ fn rounded(p: &[f64; 2]) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use prosopon_geometry::Point;
 
     #[test]
     fn directions_are_the_surgeons_and_unconfirmed_points_are_proposals() {
@@ -161,12 +176,12 @@ mod tests {
             is_mouth_sealed: true,
             left_out: Vec::new(),
         };
-        let d = ClinicalDocument::new(&clinical, &["subnasale".to_owned()], true);
+        let d = ClinicalDocument::new(&clinical, &Motion::identity(), &["subnasale".to_owned()], true);
         let p = &d.soft_points[0];
         assert_eq!((p.forward_mm, p.down_mm, p.left_mm), (4.0, 2.0, 0.5));
         let proposed: Vec<bool> = d.soft_points.iter().map(|p| p.proposed).collect();
         assert_eq!((proposed, d.midline_proposed), (vec![false, true, true], false));
-        assert!(ClinicalDocument::new(&clinical, &[], false).midline_proposed);
+        assert!(ClinicalDocument::new(&clinical, &Motion::identity(), &[], false).midline_proposed);
         assert_eq!((d.ratios[0].ratio, &d.ratios[0].reason), (Some(0.5), &None));
         assert!(d.ratios[1].reason.as_deref().is_some_and(|r| r.contains("0.2 mm")) && d.ratios[1].ratio.is_none());
         assert_eq!(d.profile[0].before_yz_mm, [[-1.0, 2.0]]);

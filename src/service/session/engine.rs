@@ -202,7 +202,7 @@ pub trait Engine: Debug + Send + Sync {
     /// [`Halt`].
     fn tissue_file(&self, run: &Run, outcome: &Outcome, control: &Control) -> Result<Vec<u8>, Halt>;
 
-    /// The prediction in a surgeon's terms; `moved` is the skin at the end of the path.
+    /// The prediction in a surgeon's terms, in the frame of the head; `moved` is the skin at the end of the path, in LPS.
     ///
     /// # Errors
     /// [`Halt`].

@@ -11,7 +11,7 @@ use super::{Case, Run, RunWatch, TissueRequest};
 use prosopon_contract::{Cuts, Halt};
 use prosopon_field::FieldReport;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector, Warning};
-use prosopon_planning::evaluate::{Clinical, FaceRegion};
+use prosopon_planning::evaluate::FaceRegion;
 use prosopon_planning::plan::{Clearance, Cut, Osteotomy, PathReport, Plan, Proposal, TemplateCall};
 use prosopon_planning::simulate::{Frame, Outcome, PathCheckpoint, RunSettings};
 use prosopon_tissue::mesh::MeshReport;
@@ -176,10 +176,6 @@ impl Framed {
 
     pub(super) fn proposal_back(&self, proposal: &Proposal) -> Proposal {
         proposal.seen_from(&self.back, &Point::origin())
-    }
-
-    pub(super) fn clinical_back(&self, clinical: &Clinical) -> Clinical {
-        clinical.moved(&self.back)
     }
 
     /// The report with the smallest boxes along the axes of LPS around its doubtful regions.

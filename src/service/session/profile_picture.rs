@@ -48,7 +48,7 @@ struct Frame {
 impl Frame {
     fn of(document: &ClinicalDocument) -> Option<Self> {
         let lines = document.profile.iter().flat_map(|p| p.before_yz_mm.iter().chain(&p.after_yz_mm)).copied();
-        let bones = document.hard_points.iter().map(|p| [p.position_mm[1], p.position_mm[2]]);
+        let bones = document.hard_points.iter().map(|p| p.side_mm());
         let all: Vec<[f64; 2]> = lines.chain(bones).filter(|p| p.iter().all(|c| c.is_finite())).collect();
         let range = |axis: usize| {
             let ends = all.iter().map(|p| p[axis]);
@@ -83,7 +83,7 @@ fn drawn(svg: &mut String, document: &ClinicalDocument, frame: &Frame, has_legen
     line(&root, &|p| p.after_yz_mm.clone(), AFTER.stroke_width(3))?;
     for (points, color) in [(&document.soft_points, AFTER), (&document.hard_points, HARD)] {
         for p in points {
-            let [_, y, z] = p.position_mm;
+            let [y, z] = p.side_mm();
             let (from, to) = (frame.pixel([y, z]), frame.pixel([y - p.forward_mm, z - p.down_mm]));
             root.draw(&PathElement::new([from, to], color.stroke_width(1))).map_err(said)?;
             root.draw(&Circle::new(from, 3, BEFORE.filled())).map_err(said)?;
@@ -128,6 +128,7 @@ mod tests {
         let point = NamedPointDocument {
             name: "pronasale".to_owned(),
             position_mm: [0.0, -110.0, 40.0],
+            side_yz_mm: None,
             forward_mm: 2.0,
             down_mm: 0.0,
             left_mm: 0.0,

@@ -1084,15 +1084,20 @@ class MouthDocumentCurve(TypedDict):
 MouthDocument = Union[Literal["glued"], Literal["auto"], "MouthDocumentCurve"]  # Whether the lips part, and where.
 
 
-class NamedPointDocument(TypedDict):
-    """Movement of a named point from rest to the end of the path."""
-
-    down_mm: float  # Movement down (towards -z), mm.
-    forward_mm: float  # Movement forward (towards -y), mm.
-    left_mm: float  # Movement to the patient's left (+x), mm.
+class _NamedPointDocumentRequired(TypedDict):
+    down_mm: float  # Movement down in the frame of the head, mm.
+    forward_mm: float  # Movement forward in the frame of the head, mm.
+    left_mm: float  # Movement to the patient's left in the frame of the head, mm.
     name: str  # Name, as in the landmarks; `columella` is the foremost point of the columella.
     position_mm: List[float]  # Position at rest, LPS mm.
     proposed: bool  # Whether the point was found by the program and no person has confirmed it.
+
+
+class NamedPointDocument(_NamedPointDocumentRequired, total=False):
+    """Movement of a named point from rest to the end of the path."""
+
+    # The same seen from the side, where the profile is: to the back and up from the origin of the head's frame, mm.
+    side_yz_mm: Optional[List[float]]
 
 
 class NoData(TypedDict):
@@ -1374,7 +1379,7 @@ ProblemType = Literal["/problems/malformed-request", "/problems/damaged-value", 
 
 
 class ProfilePieceDocument(TypedDict):
-    """A piece of the profile line, as points [y, z] in LPS mm; the same points of skin before and after."""
+    """A piece of the profile line, as points [y, z] to the back and up in the frame of the head, mm; the same points of skin before and after."""
 
     after_yz_mm: List[List[float]]  # At the end of the path.
     before_yz_mm: List[List[float]]  # At rest, from forehead to neck.

@@ -2617,17 +2617,17 @@ export interface components {
         NamedPointDocument: {
             /**
              * Format: double
-             * @description Movement down (towards -z), mm.
+             * @description Movement down in the frame of the head, mm.
              */
             down_mm: number;
             /**
              * Format: double
-             * @description Movement forward (towards -y), mm.
+             * @description Movement forward in the frame of the head, mm.
              */
             forward_mm: number;
             /**
              * Format: double
-             * @description Movement to the patient's left (+x), mm.
+             * @description Movement to the patient's left in the frame of the head, mm.
              */
             left_mm: number;
             /** @description Name, as in the landmarks; `columella` is the foremost point of the columella. */
@@ -2636,6 +2636,11 @@ export interface components {
             position_mm: number[];
             /** @description Whether the point was found by the program and no person has confirmed it. */
             proposed: boolean;
+            /**
+             * @description The same seen from the side, where the profile is: to the back and up from the origin of the head's frame, mm. Absent in reports of
+             *     earlier versions, whose profile lay in LPS.
+             */
+            side_yz_mm?: number[] | null;
         };
         /** @description No member. */
         NoData: Record<string, never>;
@@ -3082,7 +3087,7 @@ export interface components {
          * @enum {string}
          */
         ProblemType: "/problems/malformed-request" | "/problems/damaged-value" | "/problems/invalid-request" | "/problems/not-found" | "/problems/gone" | "/problems/method-not-allowed" | "/problems/not-acceptable" | "/problems/timeout" | "/problems/wrong-state" | "/problems/missing-input" | "/problems/stale" | "/problems/too-large" | "/problems/range-not-satisfiable" | "/problems/unsupported-format" | "/problems/idempotency-mismatch" | "/problems/surface-not-usable" | "/problems/volume-not-usable" | "/problems/anatomy-not-usable" | "/problems/field-not-usable" | "/problems/mesh-not-usable" | "/problems/cut-misses-bone" | "/problems/bone-not-parted" | "/problems/plan-not-usable" | "/problems/scene-not-usable" | "/problems/not-enough-memory" | "/problems/solver-not-converged" | "/problems/solver-unstable" | "/problems/solver-inverted" | "/problems/solver-penetration" | "/problems/comparison-not-usable" | "/problems/registration-failed" | "/problems/no-reference" | "/problems/not-ready" | "/problems/foreign-host" | "/problems/foreign-origin" | "/problems/queue-full" | "/problems/tenant-queue-full" | "/problems/quota-full" | "/problems/unauthenticated" | "/problems/forbidden" | "/problems/shutting-down" | "/problems/storage-full" | "/problems/store-unavailable" | "/problems/store-refuses" | "/problems/deadline-exceeded" | "/problems/job-interrupted" | "/problems/internal";
-        /** @description A piece of the profile line, as points [y, z] in LPS mm; the same points of skin before and after. */
+        /** @description A piece of the profile line, as points [y, z] to the back and up in the frame of the head, mm; the same points of skin before and after. */
         ProfilePieceDocument: {
             /** @description At the end of the path. */
             after_yz_mm: number[][];
@@ -7903,7 +7908,7 @@ export interface operations {
                      *           "warnings": []
                      *         }
                      *       ],
-                     *       "version": "0.4.0",
+                     *       "version": "0.5.0",
                      *       "warnings": [
                      *         {
                      *           "action": "Do not rely on the lips, or build the mesh with `mouth` set to `auto`, which lets them part.",

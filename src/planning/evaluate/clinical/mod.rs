@@ -97,7 +97,7 @@ pub struct BeforeAfter {
     pub after: f64,
 }
 
-/// The answers in a surgeon's terms.
+/// The answers in a surgeon's terms, in the frame of the inputs: x to the left, y to the back, z up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clinical {
     /// x of the midsagittal plane, mm.
@@ -120,21 +120,6 @@ pub struct Clinical {
     pub is_mouth_sealed: bool,
     /// Given points that lie too far from their surface to be measured, with their distance, mm.
     pub left_out: Vec<(&'static str, f64)>,
-}
-
-impl Clinical {
-    /// The answers with the named points moved in space; the profile stays in its own plane.
-    #[must_use]
-    pub fn moved(&self, motion: &Motion) -> Self {
-        let point = |p: &NamedPoint| NamedPoint { rest: motion * p.rest, moved: motion * p.moved, ..p.clone() };
-        let near = self.soft.first().map_or_else(Point::origin, |p| p.rest);
-        Self {
-            midline_x_mm: (motion * Point::new(self.midline_x_mm, near.y, near.z)).x,
-            soft: self.soft.iter().map(point).collect(),
-            hard: self.hard.iter().map(point).collect(),
-            ..self.clone()
-        }
-    }
 }
 
 /// Hard points from above downwards, each with the way into its own bone, LPS mm.

@@ -135,6 +135,7 @@ mod tests {
         let p = NamedPointDocument {
             name: "pronasale".to_owned(),
             position_mm: [0.0, -110.0, 40.0],
+            side_yz_mm: None,
             forward_mm: 2.1,
             down_mm: -3.0,
             left_mm: 0.0,

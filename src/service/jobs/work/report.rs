@@ -50,7 +50,9 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
     findings.extend(error.iter().flat_map(|e| e.findings.iter().map(|w| w.about("error map"))));
     let unconfirmed_landmarks = unconfirmed(i.parts)?;
     let midline_given = i.parts.landmarks()?.is_some_and(|landmarks| landmarks.midline_x_mm.is_some());
-    let clinical = i.clinical.map(|c| ClinicalDocument::new(c, &unconfirmed_landmarks, midline_given));
+    let clinical = i
+        .clinical
+        .map(|c| ClinicalDocument::new(c, &i.frame.motion().inverse(), &unconfirmed_landmarks, midline_given));
     findings.extend(unconfirmed_warning(&unconfirmed_landmarks));
     Ok(ReportDocument {
         format_version: 1,

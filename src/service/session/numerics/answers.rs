@@ -250,8 +250,7 @@ impl Engine for Numerics {
         let rest = self.skin(run, &control.without_progress())?;
         let skins = [framed.surface(&rest), framed.surface(moved)];
         let bones = moved_bones(&osteotomy, &motions);
-        let found = clinical_of(&framed.case, &bones, [&skins[0], &skins[1]], &control.stage(0.5, 1.0));
-        Ok(framed.clinical_back(&framed.halt_back(found)?))
+        framed.halt_back(clinical_of(&framed.case, &bones, [&skins[0], &skins[1]], &control.stage(0.5, 1.0)))
     }
 
     fn nearest_bone(

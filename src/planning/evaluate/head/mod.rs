@@ -159,8 +159,7 @@ fn unknown(plane: Option<&MirrorPlane>) -> HeadFrame {
             HeadFrame { from_scan, basis: FrameBasis::Symmetry, asymmetry_mm: plane.off_mm, ..scanner.clone() }
         })
     });
-    let message = "the pose of the head could not be told from its surfaces: no turn of it shows landmarks that lie as in a head; it is \
-                   taken to lie as in the scanner's axes";
+    let message = "the pose of the head was not found: the surfaces show no landmarks that lie as in a head, so the scanner's axes are used";
     let doubt = Warning::check(DOUBTFUL, message)
         .act("Check that the face looks towards -y with the top of the head at +z, or send the frame (`PUT …/frame`).");
     HeadFrame { warnings: vec![doubt], ..near.unwrap_or(scanner) }

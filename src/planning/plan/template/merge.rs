@@ -130,12 +130,11 @@ impl TemplateCuts {
         let sides: Vec<String> = levels
             .iter()
             .filter(|(_, z)| (z - middle).abs() > 0.5)
-            .map(|(name, z)| format!("{} at z = {z:.0} mm", name.trim_start_matches("le_fort_1_")))
+            .map(|(name, z)| format!("{} by {:.0} mm", name.trim_start_matches("le_fort_1_"), middle - z))
             .collect();
         (!sides.is_empty()).then(|| {
             let message = format!(
-                "the Le Fort I cut steps down beside the nose to stay below the cheek bones: its middle lies at \
-                 z = {middle:.0} mm, its sides lie lower: {}",
+                "the Le Fort I cut steps down beside the nose to stay below the cheek bones: its sides lie lower than its middle, {}",
                 sides.join(", ")
             );
             Warning::info("le-fort-1-steps", message)

@@ -77,15 +77,17 @@ pub(super) fn le_fort_2(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cu
     for (pair, name) in line.windows(2).zip(names.windows(2)) {
         if pair[0].x - pair[1].x < MIN_STEP_MM {
             return Err(misplaced(&format!(
-                "have {} at x = {:.1} mm and {} at x = {:.1} mm; the first must lie at least {MIN_STEP_MM} mm to the left (+x)",
-                name[0], pair[0].x, name[1], pair[1].x
+                "have {} {:.1} mm to the left of {}; it must lie at least {MIN_STEP_MM} mm to the left of it",
+                name[0],
+                pair[0].x - pair[1].x,
+                name[1]
             )));
         }
     }
     if let Some((p, name)) = line.iter().zip(names).find(|(p, _)| p.z < back.occlusal + 5.0) {
         return Err(misplaced(&format!(
-            "have {name} at z = {:.1} mm, less than 5 mm above the occlusal plane (z = {:.1} mm); check both",
-            p.z, back.occlusal
+            "have {name} {:.1} mm above the occlusal plane; it must lie at least 5 mm above it; check both",
+            p.z - back.occlusal
         )));
     }
     // Out of the buttress sideways and down, below the border of the zygoma.

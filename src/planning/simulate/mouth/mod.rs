@@ -71,7 +71,7 @@ fn by_curve(face: &Face<'_>, points: &[Point]) -> Result<(Slit, Vec<Warning>), R
         let at = format!("point {index} of the curve, ({:.1}, {:.1}, {:.1}) mm,", p.x, p.y, p.z);
         let y = front.at(p.x, p.z).ok_or_else(|| format!("{at} lies beside the skin"))?;
         if (y - p.y).abs() > MAX_CURVE_OFF_MM {
-            return Err(format!("{at} lies {:.1} mm off the skin's front at y = {y:.1}", (y - p.y).abs()));
+            return Err(format!("{at} lies {:.1} mm off the skin's front", (y - p.y).abs()));
         }
         curve.push(Point::new(p.x, y, p.z));
     }
@@ -95,9 +95,8 @@ fn elsewhere(slit: &Slit, place: &Place) -> Option<Warning> {
     let [low, high] = place.heights;
     let x = place.midline;
     let message = if !(right..left).contains(&x) {
-        format!(
-            "the curve between the lips runs from x = {right:.0} to {left:.0} mm, beside the midline at x = {x:.0} mm"
-        )
+        let (side, mm) = if right > x { ("left", right - x) } else { ("right", x - left) };
+        format!("the curve between the lips lies beside the midline: it ends {mm:.0} mm to the {side} of it")
     } else {
         let z = -slit.height(&Point::new(x, slit.front_y(x), 0.0));
         let off = (low - z).max(z - high);
@@ -105,7 +104,7 @@ fn elsewhere(slit: &Slit, place: &Place) -> Option<Warning> {
             return None;
         }
         format!(
-            "the curve between the lips lies {off:.0} mm {} where {by} place the mouth (z = {low:.0} to {high:.0} mm)",
+            "the curve between the lips lies {off:.0} mm {} where {by} place the mouth",
             if z < low { "below" } else { "above" }
         )
     };
@@ -142,7 +141,7 @@ fn by_crease(face: &Face<'_>) -> Result<(Slit, Vec<Warning>), Reason> {
 
 fn parted(slit: &Slit, how: &str) -> Warning {
     let [right, left] = slit.span();
-    let message = format!("the lips part over {:.0} mm from x = {right:.0} to {left:.0} mm, {how}", left - right);
+    let message = format!("the lips part over {:.0} mm, {how}", left - right);
     Warning::info("mouth-parted", message)
 }
 

@@ -66,7 +66,7 @@ impl Numerics {
         Ok((all, warnings))
     }
 
-    /// Solves along the plan, all in the frame of the head but what `watch` is told; `own` is the skin at rest in LPS.
+    /// Solves along the plan in the frame of the head, and reports to `watch` in LPS; `own` is the patient's skin in LPS.
     pub(super) fn solve_of(
         &self,
         framed: &Framed,

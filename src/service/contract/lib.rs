@@ -36,6 +36,7 @@ mod plan_request;
 mod region;
 mod registration;
 mod report;
+mod rotation_request;
 mod session;
 mod solve;
 mod statistics;
@@ -88,13 +89,11 @@ pub use osteotomy::{
     TemplateRequest,
 };
 pub use plan::{PathDocument, PathReportDocument, PathSample, PlanDocument, WaypointDocument};
-pub use plan_request::{
-    Autorotate, AxisAngle, CheckedPlan, CreatePlan, Hinge, PathRequest, PitchRollYaw, RotationRequest, Segments,
-    WaypointRequest, segment_motion,
-};
+pub use plan_request::{Autorotate, CheckedPlan, CreatePlan, Hinge, PathRequest, Segments, WaypointRequest};
 pub use region::RegionRequest;
 pub use registration::RegistrationDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
+pub use rotation_request::{AxisAngle, PitchRollYaw, RotationRequest, segment_motion};
 pub use session::{CreateSession, MAX_STEPS, SessionSettings};
 pub use solve::{OutputName, SolveRequest, SolverOptions};
 pub use statistics::StatisticsDocument;

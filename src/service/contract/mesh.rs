@@ -80,6 +80,8 @@ pub struct MeshRequest {
     /// Depth below the skin beyond which tissue is left out, mm, at least `skin_thickness_mm` plus two edges, at most 200.
     pub depth_mm: f64,
     /// Box to mesh; when absent it is chosen from the segments of `osteotomy`, or else it is the front of the face.
+    ///
+    /// In a head that lies turned in the scanner, the box along the head's own axes that holds it is meshed, which is larger.
     pub region: Option<BoxDocument>,
     /// Whether depth alone separates fat from muscle even when a CT could; muscle is then the 40 % next to bone.
     #[serde(skip_serializing_if = "is_false")]
